@@ -1,0 +1,1 @@
+"""Pure JAX geometry: vectors and poses, convex shapes, signed distances."""

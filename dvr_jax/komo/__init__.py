@@ -1,0 +1,1 @@
+"""k-order motion optimisation of two arms over a skeleton: the NLP, its solver, its verdict."""

@@ -1,0 +1,240 @@
+"""The augmented Lagrangian of one NLP and its Gauss-Newton system.
+
+With costs r (sum of squares), equalities h = 0 and inequalities g <= 0, penalties p and multipliers y, z >= 0:
+
+    L(x) = 1/2 |r|^2 + y.h + p/2 |h|^2 + 1/(2 p) sum(max(0, z + p g)^2 - z^2)
+
+(Rockafellar 1973; Bertsekas 1982.) The Gauss-Newton matrix keeps J^T J of costs, equalities and active inequalities.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from dvr_jax.komo.banded import BorderedSystem
+from dvr_jax.komo.constraints import Rows
+from dvr_jax.komo.problem import PARAMETERS, Problem, Variables
+from dvr_jax.komo.verdict import rest_steps
+from dvr_jax.robot.kinematics import load_arm
+
+
+class Weights(NamedTuple):
+    """Costs, and penalties relative to the solver's common one: they bring metres and radians to a common scale."""
+
+    acceleration: float = 1.0
+    """Cost of a squared second difference [1/rad^2]; paths only."""
+    home: float = 1e-2
+    """Cost of a squared distance of a joint from the home posture [1/rad^2], summed over slices."""
+    distance: float = 1.0
+    position: float = 1.0
+    rotation: float = 0.1
+    limit: float = 0.1
+    parameter: float = 1.0
+    rest: float = 0.1
+
+
+class Multipliers(NamedTuple):
+    """Lagrange multipliers of all constraint rows."""
+
+    distance: Array
+    """(T, P)."""
+    switch: Array
+    """(K, 6)."""
+    rest: Array
+    """(K, 14)."""
+    limit: Array
+    """(2, T, 14) of the lower and the upper joint limits."""
+    bound: Array
+    """(2, K, 4) of the lower and the upper bounds of the mode parameters."""
+    footprint: Array
+    """(K, 4)."""
+
+
+class Residuals(NamedTuple):
+    """Constraint rows by the sign conventions g <= 0, h = 0; shapes as `Multipliers`."""
+
+    distance: Array
+    switch: Array
+    rest: Array
+    limit: Array
+    bound: Array
+    footprint: Array
+
+
+EQUALITIES = Residuals(False, True, True, False, False, False)
+"""Which rows are equalities."""
+
+UNBOUNDED = 1e3
+"""Stands for an infinite bound: no mode parameter comes near it, and no arithmetic yields NaN."""
+
+
+def joint_limits() -> np.ndarray:
+    """(2, 14) lower and upper limits of both arms [rad]."""
+    return np.tile(load_arm().joint_limits, (1, 2))
+
+
+def residuals(problem: Problem, x: Variables, rows: Rows) -> Residuals:
+    """All constraint rows of one NLP."""
+    lower, upper = jnp.asarray(joint_limits(), x.q.dtype)
+    T, K = x.q.shape[0], x.m.shape[0]
+    rest = rest_steps(problem, x) if T > K else jnp.zeros((K, x.q.shape[1]), x.q.dtype)
+    return Residuals(
+        distance=-rows.distance,
+        switch=rows.switch,
+        rest=rest,
+        limit=jnp.stack([lower - x.q, x.q - upper]),
+        bound=jnp.stack([problem.lower - x.m, x.m - problem.upper]),
+        footprint=rows.footprint,
+    )
+
+
+def zero_multipliers(c: Residuals) -> Multipliers:
+    """Multipliers to start from."""
+    return Multipliers(*(jnp.zeros_like(value) for value in c))
+
+
+def penalties(weights: Weights, penalty: Array, dtype: jnp.dtype) -> Residuals:
+    """Penalty of each kind of row; the switch rows' is ``(6,)``."""
+    switch = np.array([weights.position] * 3 + [weights.rotation] * 3)
+    return Residuals(
+        penalty * weights.distance,
+        penalty * jnp.asarray(switch, dtype),
+        penalty * weights.rest,
+        penalty * weights.limit,
+        penalty * weights.parameter,
+        penalty * weights.parameter,
+    )
+
+
+def update_multipliers(multipliers: Multipliers, c: Residuals, p: Residuals) -> Multipliers:
+    """First-order update ``y + p h`` and ``max(0, z + p g)``."""
+    updated = []
+    for y, value, penalty, equality in zip(multipliers, c, p, EQUALITIES, strict=True):
+        new = y + penalty * value
+        updated.append(new if equality else jnp.maximum(new, 0))
+    return Multipliers(*updated)
+
+
+def _forces(multipliers: Multipliers, c: Residuals, p: Residuals) -> tuple[Residuals, Residuals, Array]:
+    """Per row: derivative of the Lagrangian with respect to it, its curvature (the penalty where active), and the total."""
+    forces, curvatures, total = [], [], jnp.zeros((), c.switch.dtype)
+    for y, value, penalty, equality in zip(multipliers, c, p, EQUALITIES, strict=True):
+        force = y + penalty * value
+        if equality:
+            total += jnp.sum((y + 0.5 * penalty * value) * value)
+            curvatures.append(jnp.broadcast_to(penalty, value.shape))
+        else:
+            active = force > 0
+            force = jnp.where(active, force, 0)
+            total += jnp.sum((force * force - y * y) / (2 * penalty))
+            curvatures.append(jnp.where(active, penalty, 0))
+        forces.append(force)
+    return Residuals(*forces), Residuals(*curvatures), total
+
+
+def accelerations(problem: Problem, q: Array) -> Array:
+    """Second differences ``(T, 14)`` of a path that starts at home at rest [rad]."""
+    extended = jnp.concatenate([jnp.broadcast_to(problem.home, (2, q.shape[1])), q])
+    return extended[2:] - 2 * extended[1:-1] + extended[:-2]
+
+
+def augmented_value(
+    problem: Problem, x: Variables, c: Residuals, multipliers: Multipliers, p: Residuals, weights: Weights
+) -> Array:
+    """The augmented Lagrangian at ``x`` with constraint rows ``c``."""
+    _, _, value = _forces(multipliers, c, p)
+    pull = x.q - problem.home
+    value += 0.5 * weights.home * jnp.sum(pull * pull)
+    if x.q.shape[0] > x.m.shape[0]:
+        value += 0.5 * weights.acceleration * jnp.sum(accelerations(problem, x.q) ** 2)
+    return value
+
+
+def gauss_newton_system(
+    problem: Problem, x: Variables, rows: Rows, multipliers: Multipliers, penalty: Array, weights: Weights
+) -> BorderedSystem:
+    """Gauss-Newton system of the augmented Lagrangian at ``x``, from rows with Jacobians."""
+    assert rows.distance_q is not None and rows.distance_m is not None
+    assert rows.switch_q is not None and rows.switch_m is not None and rows.footprint_m is not None
+    T, K = x.q.shape[0], x.m.shape[0]
+    S, N, dtype = T // K, problem.half.shape[0], x.q.dtype
+    c = residuals(problem, x, rows)
+    p = penalties(weights, penalty, dtype)
+    force, curvature, _ = _forces(multipliers, c, p)
+
+    # Distances: g = -d, so the gradient's sign turns and the curvature's does not.
+    Jq, Jm = rows.distance_q, rows.distance_m.reshape(T, PARAMETERS * N, -1)
+    weighted = Jq * curvature.distance[:, None]
+    A = jnp.einsum("tip,tjp->tij", weighted, Jq)
+    E_local = jnp.einsum("tip,tjp->tij", weighted, Jm)
+    C_local = jnp.einsum("tip,tjp->tij", Jm * curvature.distance[:, None], Jm)
+    gradient_q = -jnp.einsum("tip,tp->ti", Jq, force.distance)
+    g_local = -jnp.einsum("tip,tp->ti", Jm, force.distance)
+
+    # Each object's local parameter columns belong to the action that it is attached by: scatter with one-hot matrices, per phase.
+    belongs = jnp.asarray(problem.attached_by[:-1, :, None] == jnp.arange(K), dtype)
+    E = jnp.einsum("ksicn,knl->ksilc", E_local.reshape(K, S, -1, PARAMETERS, N), belongs)
+    C_phase = C_local.reshape(K, S, PARAMETERS, N, PARAMETERS, N).sum(1)
+    C = jnp.einsum("kcndo,knl,koj->lcjd", C_phase, belongs, belongs)
+    gradient_m = jnp.einsum("kcn,knl->lc", g_local.reshape(K, S, PARAMETERS, N).sum(1), belongs)
+
+    # Mode switches: six rows each, on the last slice of their phase.
+    own = jnp.stack([_take(problem.attached_by[:-1], problem), _take(problem.attached_by[1:], problem)], axis=1)
+    to_action = jnp.asarray(own[..., None] == jnp.arange(K), dtype)
+    Sq = rows.switch_q
+    Sm = jnp.einsum("krob,kol->krlb", rows.switch_m, to_action).reshape(K, 6, K * PARAMETERS)
+    weighted_q, weighted_m = Sq * curvature.switch[..., None], Sm * curvature.switch[..., None]
+    last = slice(S - 1, None, S)
+    A = A.at[last].add(jnp.einsum("kri,krj->kij", weighted_q, Sq))
+    E = E.reshape(T, -1, K * PARAMETERS).at[last].add(jnp.einsum("kri,krj->kij", weighted_q, Sm))
+    C = C.reshape(K * PARAMETERS, -1) + jnp.einsum("kri,krj->ij", weighted_m, Sm)
+    gradient_q = gradient_q.at[last].add(jnp.einsum("kri,kr->ki", Sq, force.switch))
+    gradient_m = gradient_m.reshape(-1) + jnp.einsum("kri,kr->i", Sm, force.switch)
+
+    # Bounds and footprints of the mode parameters; joint limits; the pull to the home posture.
+    Fm = rows.footprint_m
+    block = jnp.einsum("kri,krj,kr->kij", Fm, Fm, curvature.footprint)
+    block += jnp.eye(PARAMETERS, dtype=dtype) * (curvature.bound[0] + curvature.bound[1])[:, None]
+    C += jnp.einsum("kij,kl->kilj", block, jnp.eye(K, dtype=dtype)).reshape(C.shape)
+    gradient_m += (force.bound[1] - force.bound[0] + jnp.einsum("kri,kr->ki", Fm, force.footprint)).reshape(-1)
+    pull = x.q - problem.home
+    diagonal = curvature.limit[0] + curvature.limit[1] + weights.home
+    gradient_q += force.limit[1] - force.limit[0] + weights.home * pull
+
+    coupling = None
+    if S > 1:
+        r = accelerations(problem, x.q)
+        ahead = jnp.concatenate([r, jnp.zeros((2, r.shape[1]), dtype)])
+        gradient_q += weights.acceleration * (r - 2 * ahead[1:-1] + ahead[2:])
+        own_weight, couple_1, couple_2 = (weights.acceleration * w[:, None] for w in _acceleration_pattern(T))
+        rest = jnp.zeros((T, 14), dtype).at[last].set(curvature.rest * jnp.repeat(problem.resting, 7, axis=1))
+        rest_force = jnp.zeros((T, 14), dtype).at[last].set(force.rest * jnp.repeat(problem.resting, 7, axis=1))
+        before = jnp.concatenate([rest[1:], jnp.zeros((1, 14), dtype)])
+        diagonal += own_weight + rest + before
+        gradient_q += rest_force - jnp.concatenate([rest_force[1:], jnp.zeros((1, 14), dtype)])
+        coupling = jnp.stack([couple_1 - rest, jnp.broadcast_to(couple_2, rest.shape)])
+    A += jnp.eye(14, dtype=dtype) * diagonal[:, None]
+
+    # Pinned parameters take no part: unit rows.
+    free = (problem.upper > problem.lower).reshape(-1).astype(dtype)
+    E *= free
+    C = C * free * free[:, None] + jnp.diag(1 - free)
+    return BorderedSystem(A, coupling, E, C, gradient_q, gradient_m * free)
+
+
+def _take(attached_by: Array, problem: Problem) -> Array:
+    """(K,) entries of the switched objects in an array (K, N)."""
+    return jnp.take_along_axis(attached_by, problem.switched_object[:, None], axis=1)[:, 0]
+
+
+def _acceleration_pattern(T: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Diagonal, first and second sub-diagonal of D^T D for the second differences D of `accelerations`, each (T,)."""
+    D = np.eye(T) - 2 * np.eye(T, k=-1) + np.eye(T, k=-2)
+    H = D.T @ D
+    first = np.concatenate([[0.0], np.diag(H, -1)])
+    second = np.concatenate([[0.0, 0.0], np.diag(H, -2)])
+    return np.diag(H).copy(), first, second

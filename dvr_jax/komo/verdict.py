@@ -1,0 +1,84 @@
+"""What "feasible" means, defined once: the largest violation of each kind, in metres and radians, against its tolerance.
+
+Solver, data set, search and bench all use `measure_violations` and `is_feasible`. The largest single violation counts, never a
+sum of scaled terms: such a sum grows with the horizon.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jax import Array
+
+from dvr_jax.komo.constraints import Rows
+from dvr_jax.komo.problem import Problem, Variables
+from dvr_jax.robot.kinematics import load_arm
+
+POSITION_TOLERANCE = 1e-3
+"""Largest distance between the switched object's positions under the old and the new mode; also of mode parameters from their bounds [m]."""
+ROTATION_TOLERANCE = 1e-2
+"""Largest angle between the switched object's orientations [rad]."""
+PENETRATION_TOLERANCE = 1e-3
+"""Deepest penetration [m]."""
+LIMIT_TOLERANCE = 1e-3
+"""Largest excess over a joint limit [rad]."""
+REST_TOLERANCE = 1e-2
+"""Largest step of a joint into a switch, of an arm that takes part in it [rad a slice]."""
+
+
+class Violations(NamedTuple):
+    """Largest violation of each kind, zero or positive; batch axes as the problem's."""
+
+    position: Array
+    """Switch residual [m]."""
+    rotation: Array
+    """Switch residual [rad]."""
+    penetration: Array
+    """Deepest penetration [m]."""
+    joint_limit: Array
+    """Excess over joint limits [rad]."""
+    parameter: Array
+    """Excess of mode parameters over their bounds and of footprints over their support [m]."""
+    rest: Array
+    """Step of an arm into its switch [rad]; zero for keyframes."""
+
+    def ratio(self) -> Array:
+        """The largest violation as a multiple of its tolerance: feasible where <= 1."""
+        ratios = [value / tolerance for value, tolerance in zip(self, _TOLERANCES, strict=True)]
+        ratio = jnp.max(jnp.stack(ratios), axis=0)
+        return jnp.where(jnp.isnan(ratio), jnp.inf, ratio)
+
+
+_TOLERANCES = Violations(
+    POSITION_TOLERANCE, ROTATION_TOLERANCE, PENETRATION_TOLERANCE, LIMIT_TOLERANCE, POSITION_TOLERANCE, REST_TOLERANCE
+)
+
+
+def measure_violations(problem: Problem, x: Variables, rows: Rows) -> Violations:
+    """Largest violation of each kind of one NLP (no batch axes)."""
+    T, K = x.q.shape[0], x.m.shape[0]
+    limits = jnp.asarray(load_arm().joint_limits, x.q.dtype)
+    lower, upper = jnp.tile(limits[0], 2), jnp.tile(limits[1], 2)
+    limit = jnp.maximum(lower - x.q, x.q - upper)
+    bounds = jnp.maximum(problem.lower - x.m, x.m - problem.upper)
+    return Violations(
+        position=jnp.sqrt(jnp.sum(rows.switch[:, :3] ** 2, axis=1)).max(),
+        rotation=rows.switch_angle.max(),
+        penetration=jnp.maximum(-rows.distance.min(), 0),
+        joint_limit=jnp.maximum(limit.max(), 0),
+        parameter=jnp.maximum(jnp.maximum(bounds.max(), rows.footprint.max()), 0),
+        rest=jnp.abs(rest_steps(problem, x)).max() if T > K else jnp.zeros((), x.q.dtype),
+    )
+
+
+def rest_steps(problem: Problem, x: Variables) -> Array:
+    """First differences of the switching arms' joints at the K switches, ``(K, 14)`` [rad]."""
+    S = x.q.shape[0] // x.m.shape[0]
+    step = x.q[S - 1 :: S] - x.q[S - 2 :: S]
+    return step * jnp.repeat(problem.resting, 7, axis=1)
+
+
+def is_feasible(violations: Violations) -> Array:
+    """True where every violation is within its tolerance."""
+    return violations.ratio() <= 1

@@ -1,0 +1,19 @@
+"""The symbolic layer: `domain.pddl`, its grounding to bit masks, states, goal and action sequences. No arrays here."""
+
+from dvr_jax.logic.errors import SymbolicError
+from dvr_jax.logic.grounding import Action, Fact, Grounding
+from dvr_jax.logic.sequences import count_sequences, enumerate_sequences
+from dvr_jax.logic.task import ARMS, FACES, describe, ground_actions
+
+__all__ = [
+    "ARMS",
+    "FACES",
+    "Action",
+    "Fact",
+    "Grounding",
+    "SymbolicError",
+    "count_sequences",
+    "describe",
+    "enumerate_sequences",
+    "ground_actions",
+]

@@ -1,0 +1,55 @@
+"""Pinhole cameras: where they stand, which ray belongs to which pixel, and the one camera that senses a scene.
+
+Camera frame as in MuJoCo: x right, y up, looking along -z. Pixel (0, 0) is the image's upper left; rays pass through
+pixel centres. A ray's vector has length 1 *along the optical axis*, so that a ray caster's distance is the depth.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True)
+class Pinhole:
+    """A camera at `position` that looks at `target`, with the world's +y or +z pointing up in the image."""
+
+    position: tuple[float, float, float]
+    """Centre of projection in the world, m."""
+    target: tuple[float, float, float]
+    """A point on the optical axis, m."""
+    field_of_view: float
+    """Full vertical angle of view, rad; the horizontal one follows from the image's aspect."""
+
+    def rotation(self) -> NDArray[np.float64]:
+        """R_world_camera (3, 3): columns are the camera's x (right), y (up) and z (backwards) in the world."""
+        backward = np.subtract(self.position, self.target)
+        backward = backward / np.linalg.norm(backward)
+        # Upright is +z, unless the camera looks straight down: then +y.
+        upright = np.array([0.0, 1.0, 0.0]) if abs(backward[2]) > 0.999 else np.array([0.0, 0.0, 1.0])
+        right = np.cross(upright, backward)
+        right = right / np.linalg.norm(right)
+        return np.column_stack([right, np.cross(backward, right), backward])
+
+    def rays(
+        self, columns: NDArray[np.float64], rows: NDArray[np.float64], width: int, height: int
+    ) -> NDArray[np.float64]:
+        """World vectors (..., 3) of the rays through points of the image (...), pixels from its upper left."""
+        slope = math.tan(self.field_of_view / 2)
+        x = (2 * columns / width - 1) * slope * width / height
+        y = (1 - 2 * rows / height) * slope
+        local = np.stack(np.broadcast_arrays(x, y, -1.0), axis=-1)
+        return np.asarray(local @ self.rotation().T)
+
+    def pixel_rays(self, width: int, height: int) -> NDArray[np.float64]:
+        """World vectors of the rays through all pixel centres (height, width, 3)."""
+        columns, rows = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
+        return self.rays(columns, rows, width, height)
+
+
+SCENE_CAMERA = Pinhole(position=(0.0, 0.0, 2.0), target=(0.0, 0.0, 0.0), field_of_view=math.radians(46.0))
+"""The camera that senses every scene: straight down from 2 m, image right is +x, up is +y; a square image shows the
+table within +-0.849 m. Why straight down: over 320 objects of sampled scenes, the mean share of an object's pixels that
+neither the arms (whose home postures project towards their bases) nor other objects hide is 0.999 and every object is
+seen; from 40 to 70 degrees of elevation it is 0.88 to 0.95, and 2 to 7 % of the objects keep less than a fifth."""

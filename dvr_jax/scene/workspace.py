@@ -1,0 +1,46 @@
+"""The fixed part of every scene: the table, where the two Panda arms stand, and the arm's published constants.
+
+World frame: the table's top is z = 0, the origin lies in the middle between the two bases, z points up.
+Arm 0 is "left" (base at x = -0.6, facing +x), arm 1 is "right" (base at x = +0.6, facing -x). Metres and radians.
+"""
+
+import math
+
+ARM_NAMES: tuple[str, str] = ("left", "right")
+"""Names of arm 0 and arm 1; also the prefix of their bodies, joints, geoms and sites: "left/", "right/"."""
+
+TABLE_HALF_EXTENTS: tuple[float, float] = (0.9, 0.6)
+"""The table's top is x in [-0.9, 0.9], y in [-0.6, 0.6] (m)."""
+
+TABLE_THICKNESS = 0.04
+"""The table's top reaches from z = -0.04 to z = 0 (m)."""
+
+BASE_POSITIONS: tuple[tuple[float, float], tuple[float, float]] = ((-0.6, 0.0), (0.6, 0.0))
+"""Positions (x, y) of the two bases on the table (m), 1.2 m apart: about 0.3 m of the table within reach of both."""
+
+BASE_YAWS: tuple[float, float] = (0.0, math.pi)
+"""The bases' yaw (rad): they face each other."""
+
+COLUMN_RADIUS = 0.07
+"""Radius of a base's collision capsule (m); no object may stand within it."""
+
+NUMBER_OF_JOINTS = 7
+"""Revolute joints of one arm."""
+
+JOINT_LOWER: tuple[float, ...] = (-2.8973, -1.7628, -2.8973, -3.0718, -2.8973, -0.0175, -2.8973)
+"""Lower joint limits of a Panda (rad), Franka's published data."""
+
+JOINT_UPPER: tuple[float, ...] = (2.8973, 1.7628, 2.8973, -0.0698, 2.8973, 3.7525, 2.8973)
+"""Upper joint limits of a Panda (rad), Franka's published data."""
+
+HOME_POSTURE: tuple[float, ...] = (0.0, -math.pi / 4, 0.0, -3 * math.pi / 4, 0.0, math.pi / 2, math.pi / 4)
+"""The posture in which a Panda is delivered (rad)."""
+
+FINGER_OPEN = 0.04
+"""Largest travel of one finger (m): two of them open 8 cm."""
+
+MAXIMUM_OPENING = 2 * FINGER_OPEN
+"""Widest object that the gripper can take (m)."""
+
+MAXIMUM_OBJECTS = 8
+"""A scene has 1 to 8 objects."""

@@ -1,0 +1,195 @@
+"""The MuJoCo model against Franka's Denavit-Hartenberg table, its own XML, and what may touch what."""
+
+import math
+from collections.abc import Iterator
+
+import mujoco
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dvr_jax.scene.mjcf import (
+    CAPSULE_NAMES,
+    COLLISION_GROUP,
+    GOAL_GROUP,
+    LOOKS_GROUP,
+    build_home_data,
+    build_model,
+    home_qpos,
+    object_body_name,
+    qpos_layout,
+    scene_xml,
+)
+from dvr_jax.scene.scene import Goal, Region, Scene, SceneObject, make_scene
+from dvr_jax.scene.workspace import ARM_NAMES, BASE_POSITIONS, BASE_YAWS, JOINT_LOWER, JOINT_UPPER
+
+ODD_NAME = 'a/b "<&> \x01 ü 日本'
+REGION = Region((0.3, 0.2), 0.4, (0.25, 0.2))
+SCENE = make_scene(
+    [
+        SceneObject("yellow", "box", (0.05, 0.2, 0.1), (-0.4, 0.1), 0.3),
+        SceneObject(ODD_NAME, "cylinder", (0.03, 0.14), (0.2, -0.1), 1.0),
+    ],
+    Goal("yellow", REGION),
+)
+
+# Franka's published table, row by row: a, d, alpha (m, m, rad); rows 1 to 7 are joints, row 8 is the flange.
+DH_TABLE = [
+    (0.0, 0.333, 0.0),
+    (0.0, 0.0, -math.pi / 2),
+    (0.0, 0.316, math.pi / 2),
+    (0.0825, 0.0, math.pi / 2),
+    (-0.0825, 0.384, -math.pi / 2),
+    (0.0, 0.0, math.pi / 2),
+    (0.088, 0.0, math.pi / 2),
+    (0.0, 0.107, 0.0),
+]
+
+
+def dh_transform(a: float, d: float, alpha: float, theta: float) -> NDArray[np.float64]:
+    """One row of the table in Craig's convention, written out as in his book."""
+    ct, st, ca, sa = math.cos(theta), math.sin(theta), math.cos(alpha), math.sin(alpha)
+    return np.array(
+        [
+            [ct, -st, 0, a],
+            [st * ca, ct * ca, -sa, -d * sa],
+            [st * sa, ct * sa, ca, d * ca],
+            [0, 0, 0, 1],
+        ]
+    )
+
+
+def rotation_z(angle: float) -> NDArray[np.float64]:
+    return dh_transform(0.0, 0.0, 0.0, angle)
+
+
+@pytest.fixture(scope="module")
+def model() -> mujoco.MjModel:
+    return build_model(SCENE)
+
+
+def random_states(model: mujoco.MjModel, number: int) -> Iterator[mujoco.MjData]:
+    """States with arms anywhere within their limits; only positions are computed."""
+    generator, layout, data = np.random.default_rng(0), qpos_layout(2), build_home_data(model)
+    for _ in range(number):
+        data.qpos[layout.arm_joints] = generator.uniform(JOINT_LOWER, JOINT_UPPER, (2, 7))
+        data.qpos[layout.fingers] = generator.uniform(0, 0.04, (2, 2))
+        mujoco.mj_kinematics(model, data)
+        yield data
+
+
+def test_frames_are_those_of_the_table(model: mujoco.MjModel) -> None:
+    layout = qpos_layout(2)
+    for data in random_states(model, 20):
+        for arm, name in enumerate(ARM_NAMES):
+            T_world_link = rotation_z(BASE_YAWS[arm])
+            T_world_link[:2, 3] = BASE_POSITIONS[arm]
+            angles = [*data.qpos[layout.arm_joints[arm]], 0.0]
+            for row, (a, d, alpha) in enumerate(DH_TABLE):
+                T_world_link = T_world_link @ dh_transform(a, d, alpha, angles[row])
+                if row < 7:
+                    body = data.body(f"{name}/link{row + 1}")
+                    np.testing.assert_allclose(body.xpos, T_world_link[:3, 3], atol=1e-12)
+                    np.testing.assert_allclose(body.xmat.reshape(3, 3), T_world_link[:3, :3], atol=1e-12)
+            T_world_hand = T_world_link @ rotation_z(-math.pi / 4)
+            hand, gripper = data.body(f"{name}/hand"), data.site(f"{name}/gripper")
+            np.testing.assert_allclose(hand.xpos, T_world_hand[:3, 3], atol=1e-12)
+            np.testing.assert_allclose(hand.xmat.reshape(3, 3), T_world_hand[:3, :3], atol=1e-12)
+            np.testing.assert_allclose(gripper.xpos, (T_world_hand @ [0, 0, 0.1034, 1])[:3], atol=1e-12)
+            for side, sign, travel in zip(("left", "right"), (1, -1), data.qpos[layout.fingers[arm]], strict=True):
+                expected = (T_world_hand @ [0, sign * travel, 0.0584, 1])[:3]
+                np.testing.assert_allclose(data.body(f"{name}/finger_{side}").xpos, expected, atol=1e-12)
+
+
+def test_layout_limits_and_home(model: mujoco.MjModel) -> None:
+    layout = qpos_layout(2)
+    assert layout.size == model.nq == 32
+    for arm, name in enumerate(ARM_NAMES):
+        for index in range(7):
+            joint = model.joint(f"{name}/joint{index + 1}")
+            assert joint.qposadr[0] == layout.arm_joints[arm, index]
+            assert tuple(joint.range) == (JOINT_LOWER[index], JOINT_UPPER[index])
+        for index, side in enumerate(("left", "right")):
+            joint = model.joint(f"{name}/finger_joint_{side}")
+            assert joint.qposadr[0] == layout.fingers[arm, index]
+            assert tuple(joint.range) == (0.0, 0.04)
+    for index, item in enumerate(SCENE.objects):
+        assert model.joint(f"{object_body_name(item.name)}/joint").qposadr[0] == layout.objects[index, 0]
+    np.testing.assert_allclose(model.key("home").qpos, home_qpos(SCENE), atol=1e-15)
+    # The maker's home posture: gripper 0.307 m before the base, pointing down.
+    data = build_home_data(model)
+    np.testing.assert_allclose(data.site("left/gripper").xpos, [-0.6 + 0.3069, 0.0, 0.4869], atol=1e-4)
+    np.testing.assert_allclose(data.site("right/gripper").xmat.reshape(3, 3)[:, 2], [0, 0, -1], atol=1e-12)
+
+
+def test_xml_stands_alone_and_is_the_same_model(model: mujoco.MjModel) -> None:
+    again = mujoco.MjModel.from_xml_string(scene_xml(SCENE))
+    assert (again.nq, again.nv, again.ngeom, again.nu) == (model.nq, model.nv, model.ngeom, model.nu)
+    for name in ("body_pos", "body_quat", "geom_pos", "geom_size", "geom_quat", "jnt_range", "key_qpos", "cam_pos"):
+        np.testing.assert_allclose(getattr(again, name), getattr(model, name), atol=6e-6, err_msg=name)
+    assert again.geom_contype.tolist() == model.geom_contype.tolist()
+    assert object_body_name(ODD_NAME) in [again.body(index).name for index in range(again.nbody)]
+
+
+def test_nine_capsules_an_arm_one_a_body(model: mujoco.MjModel) -> None:
+    for arm in ARM_NAMES:
+        names = [
+            model.geom(g).name
+            for g in range(model.ngeom)
+            if model.geom_group[g] == COLLISION_GROUP and model.geom(g).name.startswith(arm)
+        ]
+        assert names == [f"{arm}/{name}" for name in CAPSULE_NAMES]
+        assert all(model.geom(name).type == mujoco.mjtGeom.mjGEOM_CAPSULE for name in names)
+        assert len({int(model.geom(name).bodyid[0]) for name in names}) == 9
+
+
+def test_finger_pads_lie_at_half_the_opening(model: mujoco.MjModel) -> None:
+    data, layout = build_home_data(model), qpos_layout(2)
+    fingers = [model.geom(f"left/finger_{side}_collision").id for side in ("left", "right")]
+    for travel in (0.0, 0.013, 0.04):
+        data.qpos[layout.fingers] = travel
+        mujoco.mj_kinematics(model, data)
+        gap = mujoco.mj_geomDistance(model, data, *fingers, 1.0, None)
+        assert gap == pytest.approx(2 * travel, abs=1e-9)
+    # The capsules' axes end level with the gripper centre; at home the hand points down.
+    axis = data.geom_xmat[fingers[0]].reshape(3, 3)[2, 2] * model.geom_size[fingers[0], 1]
+    assert data.geom_xpos[fingers[0], 2] - abs(axis) == pytest.approx(data.site("left/gripper").xpos[2], abs=1e-9)
+
+
+def test_who_touches_whom(model: mujoco.MjModel) -> None:
+    seen = set()
+    for data in random_states(model, 1500):
+        mujoco.mj_collision(model, data)
+        for first, second in data.contact.geom:
+            seen.add(frozenset((model.geom(first).name, model.geom(second).name)))
+            for geom in (first, second):
+                assert model.geom_group[geom] not in (LOOKS_GROUP, GOAL_GROUP)
+    moving = [f"left/{name}" for name in CAPSULE_NAMES[1:]]
+    assert frozenset(("left/column_collision", "table")) not in seen
+    assert frozenset(("left/upper_arm_collision", "left/elbow_collision")) not in seen
+    assert frozenset(("left/column_collision", "left/upper_arm_collision")) not in seen
+    for name in moving[2:]:  # the shoulder and the elbow cannot come down to the table
+        assert frozenset((name, "table")) in seen
+    assert frozenset(("left/hand_collision", "object/yellow")) in seen
+    assert any({name.split("/")[0] for name in pair} == {"left", "right"} for pair in seen)
+
+
+def test_objects_stand_where_the_scene_says_and_stay(model: mujoco.MjModel) -> None:
+    data, layout = build_home_data(model), qpos_layout(2)
+    assert data.ncon == 0 or {"table"} <= {model.geom(g).name for pair in data.contact.geom for g in pair}
+    for _ in range(500):
+        mujoco.mj_step(model, data)
+    start = home_qpos(SCENE)
+    np.testing.assert_allclose(data.qpos[layout.objects], start[layout.objects], atol=1e-3)
+    np.testing.assert_allclose(data.qpos[layout.arm_joints], start[layout.arm_joints], atol=0.02)
+    goal = model.geom("goal")
+    np.testing.assert_allclose(goal.pos, [*REGION.position, 0.0])
+    np.testing.assert_allclose(goal.size[:2], np.array(REGION.size) / 2)
+
+
+def test_names_of_objects_never_clash() -> None:
+    names = ["a b", "a%20b", "a+b", "left/hand", "table", "goal", "A b", "a/b"]
+    objects = [SceneObject(name, "box", (0.05, 0.05, 0.05), (0.0, -0.4 + 0.1 * i), 0.0) for i, name in enumerate(names)]
+    model = build_model(Scene(tuple(objects), Goal("goal", REGION)))
+    assert model.nq == 18 + 7 * len(names)
+    assert mujoco.MjModel.from_xml_string(scene_xml(Scene(tuple(objects), Goal("goal", REGION)))).nq == model.nq

@@ -1,0 +1,53 @@
+"""Pictures: their form, and that what must be seen is seen, in its colour."""
+
+import numpy as np
+
+from dvr_jax.scene.colours import object_colours
+from dvr_jax.scene.mjcf import build_home_data, build_model
+from dvr_jax.scene.picture import render_picture
+from dvr_jax.scene.pinhole import Pinhole
+from dvr_jax.scene.scene import Goal, Region, SceneObject, load_scene, make_scene
+
+ABOVE = Pinhole(position=(0.0, 0.0, 2.0), target=(0.0, 0.0, 0.0), field_of_view=0.7)
+
+
+def test_shows_the_goal_the_objects_and_both_arms() -> None:
+    scene = load_scene("data/scenes/figure1.json")
+    model = build_model(scene)
+    image = render_picture(model, build_home_data(model), 320, 200).astype(float)
+    assert image.shape == (200, 320, 3)
+    red = (image[..., 0] > 120) & (image[..., 1] < 60) & (image[..., 2] < 60)
+    yellow = (image[..., 0] > 100) & (image[..., 1] > 70) & (image[..., 2] < 60)
+    blue = (image[..., 2] > 90) & (image[..., 0] < 60)
+    white = image.min(axis=2) > 225
+    assert red.sum() > 150 and yellow.sum() > 100 and blue.sum() > 100
+    assert np.nonzero(red)[1].min() > 160 > np.nonzero(yellow)[1].max()  # the goal on the right, yellow on the left
+    assert white[:, :160].sum() > 50 and white[:, 160:].sum() > 50
+
+
+def test_colour_of_a_lit_face_keeps_its_hue() -> None:
+    scene = make_scene([SceneObject("blue", "box", (0.2, 0.2, 0.1), (0.0, 0.0), 0.0)], _goal("blue"))
+    model = build_model(scene)
+    image = render_picture(model, build_home_data(model), 65, 65, ABOVE)
+    shade = image[32, 32] / np.array(object_colours(scene)[0]) / 255
+    assert 0.6 < shade.min() and shade.max() < 1.5
+    shadowed = render_picture(model, build_home_data(model), 65, 65, ABOVE)
+    assert np.array_equal(image, shadowed)
+
+
+def test_a_tall_object_throws_a_shadow() -> None:
+    scene = make_scene([SceneObject("green", "box", (0.1, 0.1, 0.2), (0.0, 0.0), 0.0)], _goal("green"))
+    model = build_model(scene)
+    image = render_picture(model, build_home_data(model), 129, 129, ABOVE).astype(float).mean(axis=2)
+    towards_lamp, away = image[78:84, 60:66].mean(), image[45:51, 66:70].mean()
+    assert away < 0.75 * towards_lamp
+
+
+def test_colours_are_distinct() -> None:
+    names = ["grey", "red", "x", "y", "z", "blue", "u", "v"]
+    objects = [SceneObject(name, "box", (0.05, 0.05, 0.05), (0.0, -0.4 + 0.1 * i), 0.0) for i, name in enumerate(names)]
+    assert len(set(object_colours(make_scene(objects, _goal("x"))))) == 8
+
+
+def _goal(name: str) -> Goal:
+    return Goal(name, Region((0.3, 0.3), 0.0, (0.1, 0.1)))

@@ -1,0 +1,93 @@
+"""Sampled scenes: valid, reproducible one by one, within their ranges, half of the targets occupied."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from dvr_jax.errors import DvrError
+from dvr_jax.scene.footprint import contains_point, inside
+from dvr_jax.scene.mjcf import build_home_data, build_model
+from dvr_jax.scene.sampling import DEFAULT_DISTRIBUTION, SceneDistribution, sample_scene, sample_scenes
+from dvr_jax.scene.scene import Scene, scene_from_json, scene_to_json, validate_scene
+from dvr_jax.scene.workspace import BASE_POSITIONS, MAXIMUM_OPENING
+
+
+def occupied(scene: Scene) -> bool:
+    """Whether the centre of an object that is not the goal's lies on the target."""
+    others = [item for item in scene.objects if item.name != scene.goal.object]
+    return any(contains_point(item.position, scene.goal.region.footprint) for item in others)
+
+
+@pytest.mark.parametrize("number_of_objects", [1, 2, 5, 8])
+@pytest.mark.parametrize("shape", ["box", "cylinder", "mixed"])
+def test_scenes_are_valid_and_within_ranges(number_of_objects: int, shape: str) -> None:
+    distribution = SceneDistribution(shape=shape)  # type: ignore[arg-type]
+    for scene in sample_scenes(12, number_of_objects, 3, distribution):
+        validate_scene(scene)
+        assert scene_from_json(scene_to_json(scene)) == scene
+        assert len(scene.objects) == number_of_objects
+        goal = scene.objects[scene.goal_index]
+        assert 2 * min(goal.half_extents[:2]) <= MAXIMUM_OPENING  # it can be grasped at all
+        assert not inside(goal.footprint, scene.goal.region.footprint)
+        longest = 2 * max(goal.half_extents[:2])
+        assert 0.02 <= scene.goal.region.size[0] - longest <= 0.06
+        for item in scene.objects:
+            assert shape in ("mixed", item.shape)
+            assert 0.05 <= item.height <= 0.20
+            assert 0.28 <= min(math.dist(item.position, base) for base in BASE_POSITIONS) <= 0.75
+
+
+def test_a_longer_draw_begins_with_the_shorter() -> None:
+    short, long = list(sample_scenes(3, 2, 7)), list(sample_scenes(6, 2, 7))
+    assert long[:3] == short
+    assert len(set(long)) == 6
+    assert list(sample_scenes(3, 2, 8)) != short
+    assert list(sample_scenes(3, 2, 7)) == short
+
+
+def test_half_of_the_targets_are_occupied() -> None:
+    shares = [
+        np.mean([occupied(scene) for scene in sample_scenes(300, 2, 1, SceneDistribution(occupied_share=share))])
+        for share in (0.0, 0.5, 1.0)
+    ]
+    assert shares[0] < 0.08 and 0.42 < shares[1] < 0.62 and shares[2] == 1.0
+
+
+def test_no_object_touches_an_arm_at_home() -> None:
+    for scene in sample_scenes(20, 3, 2):
+        model = build_model(scene)
+        data = build_home_data(model)
+        assert all("table" in {model.geom(g).name for g in pair} for pair in data.contact.geom)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"x": (0.1, -0.1)}, "range x is"),
+        ({"height": (math.nan, 0.1)}, "range height is"),
+        ({"shape": "ball"}, "shape is 'ball'; valid are box, cylinder, mixed"),
+        ({"occupied_share": 1.5}, "occupied share is 1.5"),
+        ({"base_distance": (5.0, 6.0)}, "no point with x"),
+        ({"wide_side": (0.04, 3.0), "narrow_side": (3.0, 3.0)}, "none of 5000 scenes"),
+    ],
+)
+def test_refuses_distributions(change: dict[str, object], message: str) -> None:
+    distribution = dataclasses.replace(DEFAULT_DISTRIBUTION, **change)  # type: ignore[arg-type]
+    with pytest.raises(DvrError, match=message):
+        sample_scene(np.random.default_rng(0), 2, distribution)
+
+
+@pytest.mark.parametrize(
+    ("number", "objects", "seed", "message"),
+    [
+        (0, 2, 0, "number of scenes is 0"),
+        (1, 0, 0, "objects is 0"),
+        (1, 9, 0, "objects is 9"),
+        (1, 2, -1, "seed is -1"),
+    ],
+)
+def test_refuses_requests(number: int, objects: int, seed: int, message: str) -> None:
+    with pytest.raises(DvrError, match=message):
+        sample_scenes(number, objects, seed)
