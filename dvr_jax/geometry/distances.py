@@ -1,13 +1,12 @@
 """Signed distances between capsules, prisms and the table plane, with the contact wrench of each.
 
-Shapes. A *capsule* is a segment with a radius. A *prism* stands for boxes and cylinders alike: half extents
-``(hx, hy, hz, r)``, a box of half extents ``hx, hy, hz`` whose horizontal outline is rounded outwards by ``r``:
-``B = box(hx, hy, hz) + disc(r)``. A box has ``r = 0``, an upright cylinder ``hx = hy = 0``. One formula serves both, so
-shapes are data and no branch is taken on them.
+Shapes. A *capsule* is a segment with a radius. A *prism* stands for boxes and cylinders alike: half extents ``(hx, hy, hz, r)``, a box
+of half extents ``hx, hy, hz`` whose horizontal outline is rounded outwards by ``r``. A box has ``r = 0``, an upright cylinder
+``hx = hy = 0``. One formula serves both, so shapes are data and no branch is taken on them.
 
-Every distance is positive apart and negative in penetration [m]. Each comes with a contact point ``c`` and a unit normal ``n``
-(world frame, pointing from the second body to the first), returned as the *wrench* ``w = (c x n, n)`` about the world origin.
-For twists ``V = (angular velocity, velocity of the point at the world origin)`` of the two bodies
+Every distance is positive apart and negative in penetration [m]. Each comes with a contact point ``c`` and a unit normal ``n`` (world
+frame, pointing from the second body to the first), returned as the *wrench* ``w = (c x n, n)`` about the world's origin. For twists
+``V1, V2`` of the two bodies
 
     d(distance)/dt = w . (V1 - V2),
 
@@ -20,21 +19,39 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from dvr_jax.geometry.vectors import cross, dot, normalize, rotate, rotate_back
+from dvr_jax.geometry.vectors import (
+    TINY,
+    Rotation,
+    Six,
+    Vector,
+    add,
+    cross,
+    dot,
+    materialize,
+    normalize,
+    rotate,
+    rotate_back,
+    scale,
+    select,
+    subtract,
+)
 
-_SMALL = 1e-12
+Prism = tuple[Array, Array, Array, Array]
+"""Half extents ``hx, hy, hz`` and rounding ``r`` [m]."""
 
 
-def _wrench(point: Array, normal: Array) -> Array:
-    return jnp.concatenate([cross(point, normal), normal])
+def _wrench(point: Vector, normal: Vector) -> Six:
+    return (*cross(point, normal), *normal)
 
 
-def capsule_capsule(a0: Array, a1: Array, ra: Array, b0: Array, b1: Array, rb: Array) -> tuple[Array, Array]:
-    """Signed distance of capsules with segment ends ``(3, *b)`` and radii ``(*b,)``: ``(distance (*b,), wrench (6, *b))``.
+def capsule_capsule(
+    a0: Vector, a1: Vector, ra: Array | float, b0: Vector, b1: Vector, rb: Array | float
+) -> tuple[Array, Six]:
+    """Signed distance and wrench of capsules with segment ends ``a0, a1`` and ``b0, b1``.
 
-    Exact wherever the two segments do not cross. (Ericson, Real-Time Collision Detection, sec. 5.1.9.)
+    Exact wherever the two segments do not cross. (Closest points of segments: Ericson, Real-Time Collision Detection, sec. 5.1.9.)
     """
-    da, db, r = a1 - a0, b1 - b0, a0 - b0
+    da, db, r = subtract(a1, a0), subtract(b1, b0), subtract(a0, b0)
     aa, bb, ab = dot(da, da), dot(db, db), dot(da, db)
     ar, br = dot(da, r), dot(db, r)
     denominator = aa * bb - ab * ab
@@ -43,153 +60,168 @@ def capsule_capsule(a0: Array, a1: Array, ra: Array, b0: Array, b1: Array, rb: A
     t = jnp.clip((ab * s + br) / bb, 0, 1)
     s = jnp.clip((ab * t - ar) / aa, 0, 1)
     t = jnp.clip((ab * s + br) / bb, 0, 1)
-    pa, pb = a0 + s * da, b0 + t * db
-    n = pa - pb
-    length = jnp.sqrt(dot(n, n) + _SMALL * _SMALL)
-    n = n / length
+    s, t = materialize((s, t))
+    pa, pb = add(a0, scale(s, da)), add(b0, scale(t, db))
+    between = subtract(pa, pb)
+    length = jnp.sqrt(dot(between, between) + TINY * TINY)
+    n = scale(1 / length, between)
     return length - ra - rb, _wrench(pb, n)
 
 
-def capsule_plane(a0: Array, a1: Array, ra: Array) -> tuple[Array, Array]:
-    """Signed distance of capsules above the plane ``z = 0``: ``(distance, wrench)``; the normal is +z."""
-    lower = jnp.where(a0[2] < a1[2], a0, a1)
+def capsule_plane(a0: Vector, a1: Vector, radius: Array | float) -> tuple[Array, Six]:
+    """Signed distance and wrench of capsules above the plane ``z = 0``; the normal is +z."""
+    lower = select(a0[2] < a1[2], a0, a1)
     zero = jnp.zeros_like(lower[2])
-    return lower[2] - ra, _wrench(lower, jnp.stack([zero, zero, zero + 1]))
+    return lower[2] - radius, _wrench(lower, (zero, zero, zero + 1))
 
 
-def point_prism(p: Array, half: Array) -> tuple[Array, Array]:
-    """Signed distance of points ``(3, *b)`` in the prism's own frame to prisms ``(4, *b)``: ``(distance, gradient)``.
+def point_prism(p: Vector, half: Prism) -> tuple[Array, Vector]:
+    """Signed distance and its gradient for points in the prism's own frame.
 
-    Exact outside and inside; the gradient ``(3, *b)`` is a unit vector, the direction of the nearest face where the point
-    is inside.
+    Exact outside and inside; the gradient is a unit vector, that of the nearest face where the point is inside.
     """
     qx, qy = jnp.abs(p[0]) - half[0], jnp.abs(p[1]) - half[1]
     px, py = jnp.maximum(qx, 0), jnp.maximum(qy, 0)
-    square = px * px + py * py
-    outside = square > _SMALL * _SMALL
-    rho = jnp.sqrt(jnp.where(outside, square, 1))
+    rho = jnp.sqrt(px * px + py * py)
+    outside = rho > TINY
+    inverse = 1 / jnp.where(outside, rho, 1)
     x_nearer = qx > qy
-    ex = jnp.where(outside, px / rho, x_nearer) * jnp.sign(p[0])
-    ey = jnp.where(outside, py / rho, ~x_nearer) * jnp.sign(p[1])
+    ex = jnp.where(outside, px * inverse, x_nearer)
+    ey = jnp.where(outside, py * inverse, ~x_nearer)
     horizontal = jnp.where(outside, rho, jnp.maximum(qx, qy)) - half[3]
     vertical = jnp.abs(p[2]) - half[2]
     h, v = jnp.maximum(horizontal, 0), jnp.maximum(vertical, 0)
-    square = h * h + v * v
-    outside = square > _SMALL * _SMALL
-    length = jnp.sqrt(jnp.where(outside, square, 1))
+    length = jnp.sqrt(h * h + v * v)
+    outside = length > TINY
+    inverse = 1 / jnp.where(outside, length, 1)
     side_nearer = horizontal > vertical
-    wh = jnp.where(outside, h / length, side_nearer)
-    wv = jnp.where(outside, v / length, ~side_nearer)
+    wh = jnp.where(outside, h * inverse, side_nearer)
+    wv = jnp.where(outside, v * inverse, ~side_nearer)
     distance = jnp.where(outside, length, jnp.maximum(horizontal, vertical))
-    return distance, jnp.stack([wh * ex, wh * ey, wv * jnp.sign(p[2])])
+    gradient = (wh * ex * jnp.sign(p[0]), wh * ey * jnp.sign(p[1]), wv * jnp.sign(p[2]))
+    return distance, gradient
 
 
 def capsule_prism(
-    a0: Array, a1: Array, ra: Array, R: Array, p: Array, half: Array, rounds: int = 4
-) -> tuple[Array, Array]:
-    """Signed distance of capsules to prisms with pose ``R (3, 3, *b), p (3, *b)``: ``(distance (*b,), wrench (6, *b))``.
+    a0: Vector, a1: Vector, radius: Array | float, R: Rotation, p: Vector, half: Prism, rounds: int = 3
+) -> tuple[Array, Six]:
+    """Signed distance and wrench of capsules to prisms with pose ``R, p``.
 
-    The distance of a point to a convex body is convex along the segment, so its minimum is bracketed by the sign of the
-    slope: ``rounds`` pairs of one false-position and one bisection step. Outside, the slope of the squared distance to a box is
-    piecewise linear and false position ends on it exactly. An error e in the position on the segment costs the order of
-    e^2 in the distance. Where the capsule's *axis* enters the prism, the depth is that of the axis' deepest point.
+    The distance of a point to a convex body is convex along the segment, so its minimum is bracketed by the sign of the slope:
+    ``rounds`` pairs of one false-position and one bisection step, and one more false position. Outside, the slope of the squared
+    distance to a box is piecewise linear and false position ends on its root exactly. An error e in the position on the segment costs the
+    order of e^2 in the distance. Where the capsule's *axis* enters the prism, the depth is that of the axis' deepest point.
     """
-    b0, b1 = rotate_back(R, a0 - p), rotate_back(R, a1 - p)
-    d = b1 - b0
+    b0 = rotate_back(R, subtract(a0, p))
+    b0, d = materialize((b0, subtract(rotate_back(R, subtract(a1, p)), b0)))
 
     def slope(t: Array) -> Array:
-        distance, gradient = point_prism(b0 + t * d, half)
+        distance, gradient = point_prism(add(b0, scale(t, d)), half)
         return dot(gradient, d) * jnp.maximum(distance, 1e-3)
 
-    zero = jnp.zeros_like(b0[0])
-    low, high = zero, zero + 1
-    slope_low, slope_high = slope(low), slope(high)
-    at_low, at_high = slope_low >= 0, slope_high <= 0
-    for step in range(2 * rounds):
-        if step % 2 == 0:
-            gap = slope_high - slope_low
-            middle = low - slope_low * (high - low) / jnp.where(gap > 0, gap, 1)
-            middle = jnp.clip(middle, low, high)
-        else:
-            middle = 0.5 * (low + high)
-        value = slope(middle)
+    zero = jnp.zeros_like(d[0] + half[0])
+
+    def false_position(low: Array, high: Array, slope_low: Array, slope_high: Array) -> Array:
+        gap = slope_high - slope_low
+        return jnp.clip(low - slope_low * (high - low) / jnp.where(gap > 0, gap, 1), low, high)
+
+    def shrink(bracket: tuple[Array, Array, Array, Array], middle: Array) -> tuple[Array, Array, Array, Array]:
+        low, high, slope_low, slope_high = bracket
+        value = materialize(slope(middle))
         left = value <= 0
-        low, slope_low = jnp.where(left, middle, low), jnp.where(left, value, slope_low)
-        high, slope_high = jnp.where(left, high, middle), jnp.where(left, slope_high, value)
-    gap = slope_high - slope_low
-    t = jnp.clip(low - slope_low * (high - low) / jnp.where(gap > 0, gap, 1), low, high)
-    t = jnp.where(at_low, 0, jnp.where(at_high, 1, t))
-    distance, gradient = point_prism(b0 + t * d, half)
-    n = rotate(R, gradient)
-    return distance - ra, _wrench(a0 + t * (a1 - a0), n)
+        return (
+            jnp.where(left, middle, low), jnp.where(left, high, middle),
+            jnp.where(left, value, slope_low), jnp.where(left, slope_high, value),
+        )  # fmt: skip
+
+    def one_round(_: int, bracket: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
+        bracket = shrink(bracket, false_position(*bracket))
+        return shrink(bracket, 0.5 * (bracket[0] + bracket[1]))
+
+    ends = (zero, zero + 1, slope(zero), slope(zero + 1))
+    bracket = jax.lax.fori_loop(0, rounds, one_round, ends)
+    t = jnp.where(ends[2] >= 0, 0, jnp.where(ends[3] <= 0, 1, false_position(*bracket)))
+    t = materialize(t)
+    distance, gradient = materialize(point_prism(add(b0, scale(t, d)), half))
+    nearest = add(a0, scale(t, subtract(a1, a0)))
+    return distance - radius, _wrench(nearest, rotate(R, gradient))
 
 
-def prism_support(R: Array, half: Array, n: Array) -> Array:
-    """Support vector of prisms about their own centre: ``argmax_{x in prism} n . x``, in the world frame ``(3, *b)``."""
+def prism_support(R: Rotation, half: Prism, n: Vector) -> Vector:
+    """Support point of prisms relative to their centre: ``argmax_{x in prism} n . x`` in the world frame."""
     m = rotate_back(R, n)
-    length = jnp.sqrt(m[0] * m[0] + m[1] * m[1] + _SMALL * _SMALL)
-    local = [
-        jnp.sign(m[0]) * half[0] + half[3] * m[0] / length,
-        jnp.sign(m[1]) * half[1] + half[3] * m[1] / length,
+    inverse = 1 / jnp.sqrt(m[0] * m[0] + m[1] * m[1] + TINY * TINY)
+    local = (
+        jnp.sign(m[0]) * half[0] + half[3] * m[0] * inverse,
+        jnp.sign(m[1]) * half[1] + half[3] * m[1] * inverse,
         jnp.sign(m[2]) * half[2],
-    ]
-    return rotate(R, jnp.stack(local))
+    )
+    return rotate(R, local)
 
 
-def prism_plane(R: Array, p: Array, half: Array) -> tuple[Array, Array]:
-    """Signed distance of prisms above the plane ``z = 0``: ``(distance (*b,), wrench (6, *b))``."""
+def prism_plane(R: Rotation, p: Vector, half: Prism) -> tuple[Array, Six]:
+    """Signed distance and wrench of prisms above the plane ``z = 0``."""
     zero = jnp.zeros_like(p[0])
-    up = jnp.stack([zero, zero, zero + 1])
-    lowest = p + prism_support(R, half, -up)
+    up = (zero, zero, zero + 1)
+    lowest = add(p, prism_support(R, half, scale(-1.0, up)))
     return lowest[2], _wrench(lowest, up)
 
 
-def _separation(R_a: Array, p_a: Array, half_a: Array, R_b: Array, p_b: Array, half_b: Array, refinements: int) -> Array:
-    """Largest gap between two prisms over a set of separating axes, shape ``(*b,)``; see `prism_prism`."""
-    center = p_a - p_b
+def prism_prism(
+    R_a: Rotation, p_a: Vector, half_a: Prism, R_b: Rotation, p_b: Vector, half_b: Prism, refinements: int = 3
+) -> tuple[Array, Six]:
+    """Separation and wrench of two prisms.
 
-    def gap(n: Array) -> Array:
-        return dot(n, center) + dot(n, prism_support(R_a, half_a, -n)) - dot(n, prism_support(R_b, half_b, n))
-
-    faces = [R_a[:, i] for i in range(3)] + [R_b[:, i] for i in range(3)]
-    edges = [cross(R_a[:, i], R_b[:, j]) for i in range(3) for j in range(3)]
+    The separation is the largest gap over the separating axes of two boxes (Gottschalk 1996: 6 face normals, 9 edge products), the
+    directions in which two upright cylinders separate, and ``refinements`` further ones. It never exceeds the signed distance, so
+    "apart" is always true; it equals it for boxes that touch or penetrate and where a face is nearest; past a corner it is smaller but
+    of the same sign.
+    """
+    center = subtract(p_a, p_b)
+    edges = [cross(R_a[i], R_b[j]) for i in range(3) for j in range(3)]
     # Two upright cylinders separate along the line between their axes.
-    edges += [center - dot(center, R[:, 2]) * R[:, 2] for R in (R_a, R_b)]
-    best = jnp.full_like(center[0], -jnp.inf)
-    for axis in faces + edges:
-        length = jnp.sqrt(dot(axis, axis) + _SMALL * _SMALL)
-        n = axis / length
-        n = jnp.where(dot(n, center) < 0, -n, n)
-        best = jnp.maximum(best, jnp.where(length > 1e-4, gap(n), -jnp.inf))
+    between = [subtract(center, scale(dot(center, R[2]), R[2])) for R in (R_a, R_b)]
+    # The candidate axes lead as one more batch axis and share one evaluation: that keeps the compiled program small.
+    axes: Vector = tuple(jnp.stack([axis[i] for axis in (*R_a, *R_b, *edges, *between)]) for i in range(3))  # type: ignore[assignment]
+    length = jnp.sqrt(dot(axes, axes) + TINY * TINY)
+    n = materialize(scale(jnp.where(dot(axes, center) < 0, -1, 1) / length, axes))
+
+    def gap(n: Vector) -> Array:
+        """Gap between the prisms along unit vectors from B to A."""
+        support = subtract(prism_support(R_a, half_a, scale(-1.0, n)), prism_support(R_b, half_b, n))
+        return dot(n, add(center, support))
+
+    gaps = materialize(jnp.where(length > 1e-4, gap(n), -jnp.inf))
+    best = jnp.argmax(gaps, axis=0)
+    separation = jnp.max(gaps, axis=0)
+
+    def chosen(candidates: Array, index: Array) -> Array:
+        return jnp.take_along_axis(candidates, index[None], axis=0)[0]
+
+    normal: Vector = (chosen(n[0], best), chosen(n[1], best), chosen(n[2], best))
+
     # Gilbert's iteration toward the point of the difference body A - B nearest to the origin: each direction that it visits is
     # one more candidate axis. Corners and the curved side of tilted cylinders need it.
-    v = center
+    v, refined = center, jnp.zeros(separation.shape, bool)
     for _ in range(refinements):
-        n = normalize(v)
-        best = jnp.maximum(best, gap(jax.lax.stop_gradient(n)))
-        w = center + prism_support(R_a, half_a, -n) - prism_support(R_b, half_b, n)
-        edge = v - w
-        v = v - jnp.clip(dot(v, edge) / jnp.maximum(dot(edge, edge), _SMALL), 0, 1) * edge
-    return best
+        m = normalize(v)
+        w = add(center, subtract(prism_support(R_a, half_a, scale(-1.0, m)), prism_support(R_b, half_b, m)))
+        value = dot(m, w)
+        better = value > separation
+        separation, normal, refined = jnp.maximum(value, separation), select(better, m, normal), refined | better
+        edge = subtract(v, w)
+        v = subtract(v, scale(jnp.clip(dot(v, edge) / jnp.maximum(dot(edge, edge), TINY), 0, 1), edge))
+        v, separation, normal, refined = materialize((v, separation, normal, refined))
 
-
-def prism_prism(
-    R_a: Array, p_a: Array, half_a: Array, R_b: Array, p_b: Array, half_b: Array, refinements: int = 4
-) -> tuple[Array, Array]:
-    """Separation of two prisms: ``(separation (*b,), wrench (6, *b))``.
-
-    The separation is the largest gap over the separating axes of two boxes (Gottschalk 1996: 6 face normals, 9 edge products),
-    the axes of cylinders, and ``refinements`` further directions. It never exceeds the signed distance, so "apart" is always true; it
-    equals it for boxes that touch or penetrate, and where a face is nearest; past a corner it is smaller but of the same sign.
-    """
-
-    def total(R: Array, p: Array) -> tuple[Array, Array]:
-        value = _separation(R, p, half_a, R_b, p_b, half_b, refinements)
-        return value.sum(), value
-
-    # Only the relative pose counts, so the derivative with respect to A's pose is the whole wrench (B feels its negative).
-    (dR, dp), value = jax.grad(total, argnums=(0, 1), has_aux=True)(R_a, p_a)
-    moment = cross(p_a, dp)
-    for i in range(3):
-        moment = moment + cross(R_a[:, i], dR[:, i])
-    return value, jnp.concatenate([moment, dp])
+    # Where the contact is: a face of A touches B's support point and conversely; two edges touch where their lines are nearest.
+    corner_a = add(p_a, prism_support(R_a, half_a, scale(-1.0, normal)))
+    corner_b = add(p_b, prism_support(R_b, half_b, normal))
+    i, j = jnp.clip(best - 6, 0, 8) // 3, jnp.clip(best - 6, 0, 8) % 3
+    da = select(i == 0, R_a[0], select(i == 1, R_a[1], R_a[2]))
+    db = select(j == 0, R_b[0], select(j == 1, R_b[1], R_b[2]))
+    offset, slant = subtract(corner_b, corner_a), dot(da, db)
+    along = (dot(offset, da) - slant * dot(offset, db)) / jnp.maximum(1 - slant * slant, 1e-8)
+    is_edge = (best >= 6) & (best < 15) & ~refined
+    face_of_b = (best >= 3) & (best < 6) & ~refined
+    point = select(is_edge, add(corner_a, scale(along, da)), select(face_of_b, corner_a, corner_b))
+    return separation, _wrench(point, normal)

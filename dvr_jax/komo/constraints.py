@@ -1,7 +1,7 @@
-"""All constraint rows of one NLP at given variables, in metres and radians, with structured Jacobians.
+"""All constraint rows of a batch of NLPs at given variables, in metres and radians, with structured Jacobians.
 
-Every Jacobian is assembled from twists in closed form: a slice's rows times the joints' screws, never by differentiating a whole
-slice (which costs 35 to 150 times the evaluation; see the distances' wrenches in `dvr_jax.geometry.distances`).
+Every Jacobian is assembled from twists in closed form: a contact wrench times the joints' screws, never by differentiating a whole
+slice (which costs 35 to 150 times the evaluation). Geometry is computed for all L = B T slices of B problems side by side.
 """
 
 from __future__ import annotations
@@ -12,148 +12,177 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from dvr_jax.geometry.vectors import compose_rotations, cross, half_rotation_vector, rotation_angle, transpose
-from dvr_jax.komo.contacts import Contacts, slice_contacts, slice_distances
-from dvr_jax.komo.modes import ModeTransforms, ObjectPoses, mode_transforms, object_poses
+from dvr_jax.geometry.distances import Prism
+from dvr_jax.geometry.vectors import Rotation, Vector, add, compose, cross, half_rotation_vector, materialize, rotation_angle, scale, subtract, transpose  # noqa: E501
+from dvr_jax.komo.contacts import Distances, arm_signs, measure_distances, object_signs
+from dvr_jax.komo.modes import Attachment, ObjectPoses, object_poses
 from dvr_jax.komo.problem import Problem, Variables
-from dvr_jax.robot.kinematics import capsule_segments, hand_pose, joint_screws, link_poses, load_arm
+from dvr_jax.robot.kinematics import capsule_segments, hand_pose, joint_screws, link_poses
+
+
+class Jacobians(NamedTuple):
+    """Derivatives of the rows; see `Rows`."""
+
+    arm_q: Array
+    """(B, T, 14, Pa) of the arm rows' distances."""
+    object_q: Array
+    """(B, T, 14, Po) of the object rows' distances."""
+    object_m: Array
+    """(B, T, 4 N, Po) of the object rows' distances with respect to the mode parameters that each object depends on."""
+    switch_q: Array
+    """(B, K, 6, 14)."""
+    switch_m: Array
+    """(B, K, 6, 2, 4) with respect to the parameters of the old and of the new mode."""
+    footprint_m: Array
+    """(B, K, 4, 4)."""
 
 
 class Rows(NamedTuple):
-    """Constraint residuals of one NLP; Jacobians are None where they were not asked for."""
+    """Constraint residuals of B problems."""
 
     distance: Array
-    """(T, P) signed distances [m], feasible where >= 0; see `dvr_jax.komo.contacts` for the rows."""
-    distance_q: Array | None
-    """(T, 14, P)."""
-    distance_m: Array | None
-    """(T, 4, N, P) with respect to the parameters of the action that each object is attached by."""
+    """(B, T, P) signed distances [m], feasible where >= 0: arm rows, then object rows (`dvr_jax.komo.contacts`)."""
     switch: Array
-    """(K, 6) pose of the switched object under the old mode minus that under the new: position [m], twice the
+    """(B, K, 6) pose of the switched object under the old mode minus that under the new: position [m], twice the
     quaternion's vector part (the rotation vector [rad] to third order)."""
     switch_angle: Array
-    """(K,) angle between the two orientations [rad]."""
-    switch_q: Array | None
-    """(K, 6, 14)."""
-    switch_m: Array | None
-    """(K, 6, 2, 4) with respect to the parameters of the old and of the new mode."""
+    """(B, K) angle between the two orientations [rad]."""
     footprint: Array
-    """(K, 4) by how much the footprint sticks out of the support on each side [m], feasible where <= 0 (-1 for a grasp)."""
-    footprint_m: Array | None
-    """(K, 4, 4)."""
+    """(B, K, 4) by how much the footprint sticks out of the support on each side [m], feasible where <= 0 (-1 for a grasp)."""
 
 
-class Motion(NamedTuple):
-    """World geometry of all slices; the slice axis is last."""
-
-    a: Array
-    """(3, 2 C, T) starts of the arms' capsules [m]."""
-    b: Array
-    """(3, 2 C, T) ends of the arms' capsules [m]."""
-    hand_R: Array
-    """(3, 3, 2, T) gripper axes."""
-    hand_p: Array
-    """(3, 2, T) gripper centres [m]."""
-    screws: Array
-    """(6, 14, T) joint twists."""
+def _phases_to_slices(value: Array, T: int) -> Array:
+    """Per-phase values of objects or arms ``(B, K, N)`` for each slice: ``(N, B T)``."""
+    B, K, N = value.shape
+    return jnp.repeat(value.transpose(2, 0, 1), T // K, axis=2).reshape(N, B * T)
 
 
-def arm_motion(q: Array, opening: Array) -> Motion:
-    """Geometry of both arms along joint angles ``(T, 14)`` with finger openings ``(T, 2)``."""
-    T = q.shape[0]
-    angles = jnp.moveaxis(q.T.reshape(2, 7, T), 0, 1)
-    rotations, positions = link_poses(angles)
-    a, b = capsule_segments(rotations, positions, opening.T)
-    hand_R, hand_p = hand_pose(rotations, positions)
-    C2 = 2 * load_arm().number_of_capsules
-    return Motion(
-        a=jnp.swapaxes(a, 1, 2).reshape(3, C2, T),
-        b=jnp.swapaxes(b, 1, 2).reshape(3, C2, T),
-        hand_R=hand_R,
-        hand_p=hand_p,
-        screws=jnp.swapaxes(joint_screws(rotations, positions), 1, 2).reshape(6, 14, T),
+def _attach(problem: Problem, m: Array, kind: Array, by: Array, of: Array | None = None) -> Attachment:
+    """Attachments ``(B, J, N')`` with the parameters of the actions ``by``; ``of`` selects objects where N' is not all of them."""
+
+    def of_action(value: Array) -> Array:
+        B = value.shape[0]
+        return jnp.take_along_axis(value, by.reshape(B, -1), axis=1).reshape(by.shape)
+
+    def of_object(value: Array) -> Array:
+        return jnp.broadcast_to(value[:, None], kind.shape) if of is None else jnp.take_along_axis(value, of[..., 0], axis=1)[..., None]  # noqa: E501
+
+    return Attachment(
+        kind=kind,
+        parameters=tuple(of_action(m[..., i]) for i in range(4)),  # type: ignore[arg-type]
+        face_yaw=of_action(problem.face_yaw),
+        initial=tuple(of_object(problem.initial_pose[..., i]) for i in range(4)),  # type: ignore[arg-type]
+        half_height=of_object(problem.half[..., 2]),
     )
 
 
-def per_slice(problem_row: Array, T: int) -> Array:
-    """Rows of the K phases repeated for the slices of each phase: ``(K, ...)`` to ``(T, ...)``."""
-    K = problem_row.shape[0]
-    return jnp.repeat(problem_row, T // K, axis=0, total_repeat_length=T)
+def evaluate(problem: Problem, x: Variables) -> tuple[Rows, Jacobians]:
+    """All rows of B problems at ``x`` (every leaf has a leading axis B). Jacobians that are not used cost nothing under jit."""
+    B, T = x.q.shape[:2]
+    K, N = x.m.shape[1], problem.half.shape[1]
+    L = B * T
+    q = jnp.moveaxis(x.q.reshape(L, 2, 7), (0, 1, 2), (2, 1, 0))
+    rotations, positions = link_poses(q)
+    a, b = materialize(capsule_segments(rotations, positions, _phases_to_slices(problem.opening, T)))
+    hand_R, hand_p = materialize(hand_pose(rotations, positions))
+    screws = materialize(joint_screws(rotations, positions)).reshape(6, 14, L)
 
-
-def evaluate(problem: Problem, x: Variables, with_jacobians: bool) -> Rows:
-    """All rows at ``x``."""
-    T, K = x.q.shape[0], x.m.shape[0]
-    modes = mode_transforms(problem, x.m)
-    attachment, attached_by = per_slice(problem.attachment[:-1], T), per_slice(problem.attached_by[:-1], T)
-    motion = arm_motion(x.q, per_slice(problem.opening, T))
-
-    def objects_of(attached: Array, by: Array, R: Array, p: Array) -> ObjectPoses:
-        return object_poses(problem, modes, attached, by, R, p)
-
-    objects = jax.vmap(objects_of, in_axes=(0, 0, -1, -1))(attachment, attached_by, motion.hand_R, motion.hand_p)
-    distance_q = distance_m = None
-    if with_jacobians:
-
-        def contacts(a: Array, b: Array, screws: Array, poses: ObjectPoses, attached: Array) -> Contacts:
-            return slice_contacts(a, b, screws, poses, problem.half, attached)
-
-        rows = jax.vmap(contacts, in_axes=(-1, -1, -1, 0, 0))(motion.a, motion.b, motion.screws, objects, attachment)
-        distance, distance_q, distance_m = rows
-    else:
-
-        def distances(a: Array, b: Array, poses: ObjectPoses, attached: Array) -> Array:
-            return slice_distances(a, b, poses, problem.half, attached)[0]
-
-        distance = jax.vmap(distances, in_axes=(-1, -1, 0, 0))(motion.a, motion.b, objects, attachment)
+    attached = _attach(problem, x.m, problem.attachment[:, :-1], problem.attached_by[:, :-1])
+    attached = materialize(jax.tree.map(lambda value: _phases_to_slices(value, T), attached))
+    objects = materialize(object_poses(attached, hand_R, hand_p))
+    half: Prism = tuple(jnp.repeat(problem.half[..., i].T, T, axis=1) for i in range(4))  # type: ignore[assignment]
+    distances = materialize(measure_distances(a, b, objects, half, attached.kind))
 
     last = slice(T // K - 1, None, T // K)
-    residual, angle, switch_q, switch_m = jax.vmap(_switch_rows, in_axes=(None, None, 0, -1, -1, -1))(
-        problem, modes, jnp.arange(K), motion.hand_R[..., last], motion.hand_p[..., last], motion.screws[..., last]
+
+    def at_switch(value: Array) -> Array:
+        """(2, L) to (2, B K)."""
+        return value.reshape(2, B, T)[:, :, last].reshape(2, B * K)
+
+    R_switch: Rotation = tuple(tuple(at_switch(v) for v in column) for column in hand_R)  # type: ignore[assignment]
+    p_switch: Vector = (at_switch(hand_p[0]), at_switch(hand_p[1]), at_switch(hand_p[2]))
+    screws_switch = screws.reshape(6, 14, B, T)[..., last].reshape(6, 14, B * K)
+    switch, angle, switch_q, switch_m = _switch_rows(problem, x.m, R_switch, p_switch, screws_switch)
+
+    switched = jnp.take_along_axis(problem.half, problem.switched_object[..., None], axis=1)
+    each_footprint = jax.vmap(jax.vmap(_footprint))
+    each_slope = jax.vmap(jax.vmap(jax.jacfwd(_footprint)))
+    placing = problem.is_grasp[..., None] <= 0
+    footprint = jnp.where(placing, each_footprint(x.m, switched, problem.support), -1)
+    footprint_m = jnp.where(placing[..., None], each_slope(x.m, switched, problem.support), 0)
+
+    distance = jnp.concatenate([distances.arm, distances.object]).T.reshape(B, T, -1)
+    arm_q, object_q, object_m = _distance_jacobians(distances, screws, objects, N)
+    rows = Rows(distance, switch, angle, footprint)
+    return materialize((rows, Jacobians(
+        arm_q.reshape(B, T, 14, -1), object_q.reshape(B, T, 14, -1), object_m.reshape(B, T, 4 * N, -1),
+        switch_q, switch_m, footprint_m,
+    )))  # fmt: skip
+
+
+def _times(columns: Array, wrench: Array) -> Array:
+    """Wrenches ``(L, 6, P)`` times twist columns ``(L, 6, C)``: ``(L, C, P)``; a sum of six products fuses, a batched dot does not."""
+    return sum(columns[:, i, :, None] * wrench[:, i, None, :] for i in range(6))  # type: ignore[return-value]
+
+
+def _distance_jacobians(distances: Distances, screws: Array, objects: ObjectPoses, N: int) -> tuple[Array, Array, Array]:
+    dtype = screws.dtype
+    S, arm_wrench, wrench = materialize(
+        (screws.transpose(2, 0, 1), distances.arm_wrench.transpose(2, 0, 1), distances.object_wrench.transpose(2, 0, 1))
     )
-    arguments = (x.m, problem.half[problem.switched_object], problem.support)
-    placing = problem.is_grasp[:, None] <= 0
-    footprint = jnp.where(placing, jax.vmap(_footprint)(*arguments), -1)
-    footprint_m = None
-    if with_jacobians:
-        footprint_m = jnp.where(placing[..., None], jax.vmap(jax.jacfwd(_footprint))(*arguments), 0)
-    else:
-        switch_q = switch_m = None
-    return Rows(
-        distance, distance_q, distance_m, residual, angle, switch_q, switch_m, footprint, footprint_m
-    )
+    arm_q = jnp.asarray(arm_signs(), dtype) * _times(S, arm_wrench)
+    joints, role = object_signs(N)
+    L, _, P = wrench.shape
+    held = jnp.stack([jnp.where(h, 1, 0).astype(dtype).T for h in objects.held], axis=1)
+    by_object = (held[..., None] * jnp.asarray(role, dtype)).sum(2)
+    sign = materialize(jnp.asarray(joints, dtype) + jnp.repeat(by_object, 7, axis=1))
+    object_q = sign * _times(S, wrench)
+    columns = jnp.stack([jnp.stack([jnp.concatenate([t[part][i] for t in objects.twists]) for i in range(3)]) for part in range(2)])  # noqa: E501
+    columns = materialize(columns.reshape(6, 4 * N, L).transpose(2, 0, 1))
+    object_m = jnp.asarray(jnp.tile(role, (4, 1)), dtype) * _times(columns, wrench)
+    return arm_q, object_q, object_m
 
 
 def _switch_rows(
-    problem: Problem, modes: ModeTransforms, k: Array, hand_R: Array, hand_p: Array, screws: Array
+    problem: Problem, m: Array, hand_R: Rotation, hand_p: Vector, screws: Array
 ) -> tuple[Array, Array, Array, Array]:
-    """Residual (6,), angle, and Jacobians (6, 14), (6, 2, 4) of the mode switch k."""
-    switched = problem.switched_object[k]
-    one = problem._replace(half=problem.half[switched][None], initial_pose=problem.initial_pose[switched][None])
+    """Residuals (B, K, 6), angles (B, K), Jacobians (B, K, 6, 14) and (B, K, 6, 2, 4) of the mode switches."""
+    B, K = m.shape[:2]
+    of = problem.switched_object[..., None]
 
-    def pose(phase: Array) -> ObjectPoses:
-        return object_poses(
-            one, modes, problem.attachment[phase, switched][None], problem.attached_by[phase, switched][None], hand_R, hand_p
-        )
+    def pose(phases: slice) -> ObjectPoses:
+        kind = jnp.take_along_axis(problem.attachment[:, phases], of, axis=2)
+        by = jnp.take_along_axis(problem.attached_by[:, phases], of, axis=2)
+        attached = jax.tree.map(lambda v: v.reshape(1, B * K), _attach(problem, m, kind, by, of))
+        return object_poses(attached, hand_R, hand_p)
 
-    old, new = pose(k), pose(k + 1)
-    w, v = half_rotation_vector(compose_rotations(old.R, transpose(new.R)))
-    angle = rotation_angle(compose_rotations(old.R, transpose(new.R)))[0]
-    residual = jnp.concatenate([old.p - new.p, 2 * v])[:, 0]
+    old, new = pose(slice(0, K)), pose(slice(1, K + 1))
+    old, new, screws = materialize((old, new, screws))
+    difference = materialize(compose(old.R, transpose(new.R)))
+    w, v = half_rotation_vector(difference)
+    residual = jnp.stack([*subtract(old.p, new.p), *scale(2.0, v)])
 
-    def velocity(twist: Array, p: Array, sign: float) -> Array:
-        """Columns (6, J) of the residual for twists (6, J): of the point p, and of 2 v by a turn on its left or right side."""
-        angular, linear = twist[:3], twist[3:]
-        at = jnp.broadcast_to(p, angular.shape)
-        turned = w * angular + sign * cross(angular, jnp.broadcast_to(v, angular.shape))
-        return jnp.concatenate([linear + cross(angular, at), turned])
+    def velocity(angular: Vector, linear: Vector, p: Vector, sign: float) -> Array:
+        """(6, J, B K) change of the residual with a twist: of the point p, and of 2 v by a turn on its left or right side."""
+        turned = add(scale(w, angular), scale(sign, cross(angular, v)))
+        return jnp.stack([*add(linear, cross(angular, p)), *turned])
 
-    held_old, held_new = jnp.repeat(old.held[:, 0], 7), jnp.repeat(new.held[:, 0], 7)
-    jacobian_q = held_old * velocity(screws, old.p, 1.0) - held_new * velocity(screws, new.p, -1.0)
-    jacobian_m = jnp.stack(
-        [velocity(old.twists[..., 0], old.p, 1.0), -velocity(new.twists[..., 0], new.p, -1.0)], axis=1
+    axes, at_origin = (screws[0], screws[1], screws[2]), (screws[3], screws[4], screws[5])
+    held_old, held_new = (jnp.repeat(jnp.concatenate(pose.held).astype(w.dtype), 7, axis=0) for pose in (old, new))
+    switch_q = held_old * velocity(axes, at_origin, old.p, 1.0) - held_new * velocity(axes, at_origin, new.p, -1.0)
+    switch_m = jnp.stack(
+        [
+            sign * jnp.concatenate([velocity(angular, linear, pose.p, sign) for angular, linear in pose.twists], axis=1)
+            for pose, sign in ((old, 1.0), (new, -1.0))
+        ],
+        axis=1,
     )
-    return residual, angle, jacobian_q, jacobian_m
+    return (
+        residual.reshape(6, B, K).transpose(1, 2, 0),
+        rotation_angle(difference).reshape(B, K),
+        switch_q.reshape(6, 14, B, K).transpose(2, 3, 0, 1),
+        switch_m.reshape(6, 2, 4, B, K).transpose(3, 4, 0, 1, 2),
+    )
 
 
 def _footprint(m: Array, half: Array, support: Array) -> Array:

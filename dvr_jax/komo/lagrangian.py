@@ -16,7 +16,7 @@ import numpy as np
 from jax import Array
 
 from dvr_jax.komo.banded import BorderedSystem
-from dvr_jax.komo.constraints import Rows
+from dvr_jax.komo.constraints import Jacobians, Rows
 from dvr_jax.komo.problem import PARAMETERS, Problem, Variables
 from dvr_jax.komo.verdict import rest_steps
 from dvr_jax.robot.kinematics import load_arm
@@ -68,10 +68,6 @@ class Residuals(NamedTuple):
 EQUALITIES = Residuals(False, True, True, False, False, False)
 """Which rows are equalities."""
 
-UNBOUNDED = 1e3
-"""Stands for an infinite bound: no mode parameter comes near it, and no arithmetic yields NaN."""
-
-
 def joint_limits() -> np.ndarray:
     """(2, 14) lower and upper limits of both arms [rad]."""
     return np.tile(load_arm().joint_limits, (1, 2))
@@ -99,10 +95,10 @@ def zero_multipliers(c: Residuals) -> Multipliers:
 
 def penalties(weights: Weights, penalty: Array, dtype: jnp.dtype) -> Residuals:
     """Penalty of each kind of row; the switch rows' is ``(6,)``."""
-    switch = np.array([weights.position] * 3 + [weights.rotation] * 3)
+    switch = jnp.repeat(jnp.stack([jnp.asarray(weights.position, dtype), jnp.asarray(weights.rotation, dtype)]), 3)
     return Residuals(
         penalty * weights.distance,
-        penalty * jnp.asarray(switch, dtype),
+        penalty * switch,
         penalty * weights.rest,
         penalty * weights.limit,
         penalty * weights.parameter,
@@ -155,25 +151,23 @@ def augmented_value(
 
 
 def gauss_newton_system(
-    problem: Problem, x: Variables, rows: Rows, multipliers: Multipliers, penalty: Array, weights: Weights
+    problem: Problem, x: Variables, c: Residuals, J: Jacobians, multipliers: Multipliers, p: Residuals, weights: Weights
 ) -> BorderedSystem:
-    """Gauss-Newton system of the augmented Lagrangian at ``x``, from rows with Jacobians."""
-    assert rows.distance_q is not None and rows.distance_m is not None
-    assert rows.switch_q is not None and rows.switch_m is not None and rows.footprint_m is not None
+    """Gauss-Newton system of the augmented Lagrangian at ``x`` with constraint rows ``c`` and their Jacobians."""
     T, K = x.q.shape[0], x.m.shape[0]
     S, N, dtype = T // K, problem.half.shape[0], x.q.dtype
-    c = residuals(problem, x, rows)
-    p = penalties(weights, penalty, dtype)
     force, curvature, _ = _forces(multipliers, c, p)
 
-    # Distances: g = -d, so the gradient's sign turns and the curvature's does not.
-    Jq, Jm = rows.distance_q, rows.distance_m.reshape(T, PARAMETERS * N, -1)
-    weighted = Jq * curvature.distance[:, None]
-    A = jnp.einsum("tip,tjp->tij", weighted, Jq)
-    E_local = jnp.einsum("tip,tjp->tij", weighted, Jm)
-    C_local = jnp.einsum("tip,tjp->tij", Jm * curvature.distance[:, None], Jm)
-    gradient_q = -jnp.einsum("tip,tp->ti", Jq, force.distance)
-    g_local = -jnp.einsum("tip,tp->ti", Jm, force.distance)
+    # Distances: g = -d, so the gradient's sign turns and the curvature's does not. Only object rows know mode parameters.
+    rows = J.arm_q.shape[-1]
+    of_arm, of_object = curvature.distance[:, None, :rows], curvature.distance[:, None, rows:]
+    force_arm, force_object = force.distance[:, :rows], force.distance[:, rows:]
+    weighted = J.object_q * of_object
+    A = jnp.einsum("tip,tjp->tij", J.arm_q * of_arm, J.arm_q) + jnp.einsum("tip,tjp->tij", weighted, J.object_q)
+    E_local = jnp.einsum("tip,tjp->tij", weighted, J.object_m)
+    C_local = jnp.einsum("tip,tjp->tij", J.object_m * of_object, J.object_m)
+    gradient_q = -jnp.einsum("tip,tp->ti", J.arm_q, force_arm) - jnp.einsum("tip,tp->ti", J.object_q, force_object)
+    g_local = -jnp.einsum("tip,tp->ti", J.object_m, force_object)
 
     # Each object's local parameter columns belong to the action that it is attached by: scatter with one-hot matrices, per phase.
     belongs = jnp.asarray(problem.attached_by[:-1, :, None] == jnp.arange(K), dtype)
@@ -185,8 +179,8 @@ def gauss_newton_system(
     # Mode switches: six rows each, on the last slice of their phase.
     own = jnp.stack([_take(problem.attached_by[:-1], problem), _take(problem.attached_by[1:], problem)], axis=1)
     to_action = jnp.asarray(own[..., None] == jnp.arange(K), dtype)
-    Sq = rows.switch_q
-    Sm = jnp.einsum("krob,kol->krlb", rows.switch_m, to_action).reshape(K, 6, K * PARAMETERS)
+    Sq = J.switch_q
+    Sm = jnp.einsum("krob,kol->krlb", J.switch_m, to_action).reshape(K, 6, K * PARAMETERS)
     weighted_q, weighted_m = Sq * curvature.switch[..., None], Sm * curvature.switch[..., None]
     last = slice(S - 1, None, S)
     A = A.at[last].add(jnp.einsum("kri,krj->kij", weighted_q, Sq))
@@ -196,7 +190,7 @@ def gauss_newton_system(
     gradient_m = gradient_m.reshape(-1) + jnp.einsum("kri,kr->i", Sm, force.switch)
 
     # Bounds and footprints of the mode parameters; joint limits; the pull to the home posture.
-    Fm = rows.footprint_m
+    Fm = J.footprint_m
     block = jnp.einsum("kri,krj,kr->kij", Fm, Fm, curvature.footprint)
     block += jnp.eye(PARAMETERS, dtype=dtype) * (curvature.bound[0] + curvature.bound[1])[:, None]
     C += jnp.einsum("kij,kl->kilj", block, jnp.eye(K, dtype=dtype)).reshape(C.shape)

@@ -15,8 +15,9 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from dvr_jax.geometry.vectors import materialize
 from dvr_jax.komo.banded import BorderedSystem, solve_bordered
-from dvr_jax.komo.constraints import evaluate
+from dvr_jax.komo.constraints import Jacobians, Rows, evaluate
 from dvr_jax.komo.lagrangian import (
     Multipliers,
     Weights,
@@ -113,12 +114,16 @@ def _start(problem: Problem, x: Variables, settings: Settings) -> State:
     """State before the first iteration; its system is a placeholder, replaced because the first trial point is accepted."""
     dtype = x.q.dtype
     zero, infinity = jnp.zeros((), dtype), jnp.full((), jnp.inf, dtype)
-    rows = jax.eval_shape(lambda: evaluate(problem, x, with_jacobians=True))
-    shapes = jax.eval_shape(lambda r: residuals(problem, x, r), rows)
-    multipliers = zero_multipliers(jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shapes))
-    system = jax.eval_shape(
-        lambda r: gauss_newton_system(problem, x, r, multipliers, zero, settings.weights), rows
-    )
+
+    def shapes(rows: Rows, J: Jacobians) -> tuple[Multipliers, BorderedSystem]:
+        c = residuals(problem, x, rows)
+        multipliers = zero_multipliers(c)
+        p = penalties(settings.weights, zero, dtype)
+        return multipliers, gauss_newton_system(problem, x, c, J, multipliers, p, settings.weights)
+
+    one = jax.tree.map(lambda leaf: leaf[None], (problem, x))
+    rows, J = jax.tree.map(lambda s: jax.ShapeDtypeStruct(s.shape[1:], s.dtype), jax.eval_shape(evaluate, *one))
+    multipliers, system = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), jax.eval_shape(shapes, rows, J))
     count = jnp.zeros((), jnp.int32)
     return State(
         x=x,
@@ -127,7 +132,7 @@ def _start(problem: Problem, x: Variables, settings: Settings) -> State:
         penalty=jnp.full((), settings.penalty, dtype),
         damping=jnp.full((), settings.damping, dtype),
         value=infinity,
-        system=jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), system),
+        system=system,
         violations=Violations(*(infinity,) * len(Violations._fields)),
         updated_ratio=infinity,
         best_ratio=infinity,
@@ -138,11 +143,10 @@ def _start(problem: Problem, x: Variables, settings: Settings) -> State:
     )
 
 
-def _iterate(problem: Problem, settings: Settings, state: State) -> State:
-    """One iteration of one lane."""
+def _advance(problem: Problem, settings: Settings, state: State, rows: Rows, J: Jacobians) -> State:
+    """One iteration of one lane, from the rows at its trial point."""
     dtype = state.x.q.dtype
     trial = jax.tree.map(jnp.add, state.x, state.step)
-    rows = evaluate(problem, trial, with_jacobians=True)
     c = residuals(problem, trial, rows)
     p = penalties(settings.weights, state.penalty, dtype)
     value = augmented_value(problem, trial, c, state.multipliers, p, settings.weights)
@@ -162,15 +166,16 @@ def _iterate(problem: Problem, settings: Settings, state: State) -> State:
     slow = ratio > settings.sufficient_decrease * state.updated_ratio
     penalty = jnp.where(ended & slow, jnp.minimum(state.penalty * settings.penalty_growth, settings.penalty_limit), state.penalty)  # noqa: E501
     stale = jnp.where(ended, jnp.where(ratio < 0.9 * state.best_ratio, 0, state.stale + 1), state.stale)
-    system = gauss_newton_system(problem, trial, rows, multipliers, penalty, settings.weights)
     p = penalties(settings.weights, penalty, dtype)
+    system = materialize(gauss_newton_system(problem, trial, c, J, multipliers, p, settings.weights))
     value = jnp.where(ended, augmented_value(problem, trial, c, multipliers, p, settings.weights), value)
 
     damping = jnp.where(accepted, jnp.maximum(state.damping / 4, 1e-6), jnp.maximum(state.damping, 1e-4) * 8)
     x, value, system = jax.tree.map(
         lambda new, old: jnp.where(accepted, new, old), (trial, value, system), (state.x, state.value, state.system)
     )
-    dq, dm = solve_bordered(system, damping)
+    x, value, system, damping = materialize((x, value, system, damping))
+    dq, dm = materialize(solve_bordered(system, damping))
     # One factor for joints and parameters; parameters may move 0.3 m or rad as well.
     length = jnp.maximum(jnp.abs(dq).max(), jnp.abs(dm).max())
     scale = jnp.minimum(1, settings.step_limit / jnp.maximum(length, 1e-12))
@@ -205,6 +210,12 @@ def _iterate(problem: Problem, settings: Settings, state: State) -> State:
     )
 
 
+def iterate_once(problems: Problem, settings: Settings, states: State) -> State:
+    """One iteration of a batch."""
+    rows, J = evaluate(problems, jax.tree.map(jnp.add, states.x, states.step))
+    return jax.vmap(_advance, in_axes=(0, None, 0, 0, 0))(problems, settings, states, rows, J)
+
+
 @jax.jit
 def start(problems: Problem, x: Variables, settings: Settings) -> State:
     """Initial states of a batch of NLPs (leading axis of every leaf of ``problems`` and ``x``)."""
@@ -221,7 +232,7 @@ def iterate(problems: Problem, settings: Settings, states: State, iterations: Ar
 
     def body(carry: tuple[Array, State]) -> tuple[Array, State]:
         count, lanes = carry
-        new = jax.vmap(_iterate, in_axes=(0, None, 0))(problems, settings, lanes)
+        new = iterate_once(problems, settings, lanes)
         return count + 1, jax.vmap(_tree_where)(lanes.status == RUNNING, new, lanes)
 
     return jax.lax.while_loop(unfinished, body, (jnp.zeros((), jnp.int32), states))[1]

@@ -1,7 +1,7 @@
 """Forward kinematics of both arms, their joint screws, and their collision capsules.
 
 Notation: arm 0 is "left", arm 1 "right"; joints are 0..6; link frame i (1..7) moves with joints 0..i-1, link 0 is the base.
-Arrays follow `dvr_jax.geometry.vectors`: components first, batch last. All constants are read from the compiled MuJoCo model
+Poses are tuples of component arrays (`dvr_jax.geometry.vectors`) of shape ``(2, L)``: arm, then slices. All constants are read from the compiled MuJoCo model
 of the package's own ``panda.xml``, so model and optimiser cannot drift apart.
 """
 
@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 from jax import Array
 
-from dvr_jax.geometry.vectors import cross
+from dvr_jax.geometry.vectors import Rotation, Vector, add, cross, materialize, scale
 from dvr_jax.scene.workspace import BASE_POSITIONS, BASE_YAWS, NUMBER_OF_JOINTS
 
 
@@ -124,72 +124,76 @@ def base_pose(arm: int) -> tuple[np.ndarray, np.ndarray]:
     return R, np.array([*BASE_POSITIONS[arm], 0.0])
 
 
-def link_poses(q: Array) -> tuple[list[Array], list[Array]]:
-    """World poses of all link frames of both arms.
+def link_poses(q: Array) -> tuple[list[Rotation], list[Vector]]:
+    """World poses of all link frames 0..7 of both arms, components ``(2, L)``.
 
     Args:
-        q: (7, 2, *b) joint angles [rad] of joint i of arm a.
-
-    Returns:
-        Rotations and positions of link frames 0..7, each ``(3, 3, 2, *b)`` and ``(3, 2, *b)``.
+        q: (7, 2, L) angles of joint i of arm a [rad].
     """
     arm = load_arm()
-    batch = (1,) * (q.ndim - 2)
     bases = [base_pose(a) for a in range(2)]
-    R = jnp.asarray(np.stack([b[0] for b in bases], axis=-1).reshape(3, 3, 2, *batch), q.dtype)
-    p = jnp.asarray(np.stack([b[1] for b in bases], axis=-1).reshape(3, 2, *batch), q.dtype)
-    R = jnp.broadcast_to(R, (3, 3, *q.shape[1:]))
-    p = jnp.broadcast_to(p, (3, *q.shape[1:]))
+
+    def constant(values: list[float]) -> Array:
+        return jnp.broadcast_to(jnp.asarray(values, q.dtype)[:, None], q.shape[1:])
+
+    R: Rotation = tuple(tuple(constant([b[0][i, j] for b in bases]) for i in range(3)) for j in range(3))  # type: ignore[assignment]
+    p: Vector = tuple(constant([b[1][i] for b in bases]) for i in range(3))  # type: ignore[assignment]
     rotations, positions = [R], [p]
+    cosine, sine = materialize((jnp.cos(q), jnp.sin(q)))
     for i in range(NUMBER_OF_JOINTS):
-        p = p + _rotate_constant(R, arm.offsets[i])
-        A = [_rotate_constant(R, arm.rotations[i][:, j]) for j in range(3)]
-        c, s = jnp.cos(q[i]), jnp.sin(q[i])
-        R = jnp.stack([c * A[0] + s * A[1], c * A[1] - s * A[0], A[2]], axis=1)
+        p = add(p, _rotate_constant(R, arm.offsets[i]))
+        x, y, z = (_rotate_constant(R, arm.rotations[i][:, j]) for j in range(3))
+        c, s = cosine[i], sine[i]
+        R, p = materialize(((add(scale(c, x), scale(s, y)), add(scale(c, y), scale(-s, x)), z), p))
         rotations.append(R)
         positions.append(p)
     return rotations, positions
 
 
-def _rotate_constant(R: Array, v: np.ndarray) -> Array:
+def _rotate_constant(R: Rotation, v: np.ndarray) -> Vector:
     """``R v`` for a constant vector, leaving out its zeros while tracing."""
-    terms = [R[:, j] * float(v[j]) for j in range(3) if v[j] != 0]
-    return sum(terms[1:], terms[0]) if terms else jnp.zeros_like(R[:, 0])
+    terms = [R[j] if v[j] == 1 else scale(float(v[j]), R[j]) for j in range(3) if v[j] != 0]
+    if not terms:
+        return scale(0.0, R[0])
+    total = terms[0]
+    for term in terms[1:]:
+        total = add(total, term)
+    return total
 
 
-def joint_screws(rotations: list[Array], positions: list[Array]) -> Array:
-    """World twist of each joint at unit speed, ``(6, 7, 2, *b)``: axis, then velocity of the point at the world origin."""
-    axes = jnp.stack([R[:, 2] for R in rotations[1:]], axis=1)
-    origins = jnp.stack(positions[1:], axis=1)
-    return jnp.concatenate([axes, cross(origins, axes)])
+def joint_screws(rotations: list[Rotation], positions: list[Vector]) -> Array:
+    """World twist of each joint at unit speed, ``(6, 2, 7, L)``: axis, then velocity of the point at the world's origin."""
+    rows: list[list[Array]] = [[] for _ in range(6)]
+    for R, p in zip(rotations[1:], positions[1:], strict=True):
+        for row, value in zip(rows, (*R[2], *cross(p, R[2])), strict=True):
+            row.append(value)
+    return jnp.stack([jnp.stack(row, axis=1) for row in rows])
 
 
-def hand_pose(rotations: list[Array], positions: list[Array]) -> tuple[Array, Array]:
-    """World pose of the gripper frames: hand axes (y closes, z approaches), origin between the finger tips."""
+def hand_pose(rotations: list[Rotation], positions: list[Vector]) -> tuple[Rotation, Vector]:
+    """World poses of the gripper frames: hand axes (y closes, z approaches), origin between the finger tips."""
     arm = load_arm()
     R, p = rotations[7], positions[7]
-    axes = [_rotate_constant(R, arm.hand_rotation[:, j]) for j in range(3)]
-    return jnp.stack(axes, axis=1), p + _rotate_constant(R, arm.gripper_center)
+    x, y, z = (_rotate_constant(R, arm.hand_rotation[:, j]) for j in range(3))
+    return (x, y, z), add(p, _rotate_constant(R, arm.gripper_center))
 
 
-def capsule_segments(rotations: list[Array], positions: list[Array], openings: Array) -> tuple[Array, Array]:
-    """World ends of all collision capsules of both arms.
+def capsule_segments(rotations: list[Rotation], positions: list[Vector], openings: Array) -> tuple[Vector, Vector]:
+    """World ends of all collision capsules of both arms: start and end of each segment, components ``(2, C, L)``.
 
     Args:
-        openings: (2, *b) distance of each finger from the hand's middle plane [m], for each arm.
-
-    Returns:
-        Two arrays ``(3, C, 2, *b)``: start and end of each segment.
+        openings: (2, L) distance of each finger from the hand's middle plane [m].
     """
     arm = load_arm()
-    ends = []
+    ends: list[Vector] = []
     for end in range(2):
         points = []
         for c in range(arm.number_of_capsules):
             link = int(arm.capsule_links[c])
-            point = positions[link] + _rotate_constant(rotations[link], arm.capsule_ends[end, c])
+            point = add(positions[link], _rotate_constant(rotations[link], arm.capsule_ends[end, c]))
             if np.any(arm.capsule_finger_directions[c] != 0):
-                point = point + openings * _rotate_constant(rotations[link], arm.capsule_finger_directions[c])
+                direction = _rotate_constant(rotations[link], arm.capsule_finger_directions[c])
+                point = add(point, scale(openings, direction))
             points.append(point)
-        ends.append(jnp.stack(points, axis=1))
+        ends.append(tuple(jnp.stack([point[i] for point in points], axis=1) for i in range(3)))  # type: ignore[arg-type]
     return ends[0], ends[1]
