@@ -1,0 +1,120 @@
+"""Closed-form inverse kinematics of a Panda arm, with the last joint's angle as the free parameter.
+
+The Panda's wrist is offset (a7 = 8.8 cm), so there is no spherical wrist; but once q7 is chosen, the centre O6 of joint 6 is known, and
+shoulder S, elbow O4 and O6 form a triangle with two known sides. What is left are two choices of two: which way the forearm folds about the
+line S - O6 (two roots of one trigonometric equation in q6) and which way the shoulder turns (q2 and -q2). Derived here from Franka's
+Denavit-Hartenberg table; the same decomposition is in He and Liu, "Analytical inverse kinematics for Franka Emika Panda", 2021.
+"""
+
+from __future__ import annotations
+
+import math
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from dvr_jax.geometry.vectors import Rotation, Vector, add, cross, dot, materialize, rotate_back, scale, subtract
+from dvr_jax.robot.kinematics import base_pose, load_arm
+
+BRANCHES = 4
+"""Solutions for each value of q7."""
+
+_SHOULDER_HEIGHT = 0.333
+_UPPER, _FOREARM, _ELBOW, _WRIST = 0.316, 0.384, 0.0825, 0.088
+"""d3, d5, a4 and a7 of the Denavit-Hartenberg table [m]."""
+
+# In the plane of the triangle, with O4 as origin and (x3, z3) as axes: S lies at (-a4, -d3), and O6 at (-a4, d5) turned by q4.
+_SIDE_UPPER = math.hypot(_UPPER, _ELBOW)
+_SIDE_FOREARM = math.hypot(_FOREARM, _ELBOW)
+_ANGLE_AT_ZERO = math.atan2(_FOREARM, -_ELBOW) - math.atan2(-_UPPER, -_ELBOW)
+
+
+def _gripper_in_flange() -> tuple[np.ndarray, float]:
+    """Rotation of the hand in link frame 7 and the distance of the gripper centre along its z [m]."""
+    arm = load_arm()
+    return arm.hand_rotation, float(arm.gripper_center[2])
+
+
+def arm_angles(arm: Array, R: Rotation, p: Vector, q7: Array) -> tuple[Array, Array]:
+    """Joint angles that bring a gripper to world poses.
+
+    Args:
+        arm: (L,) int, 0 left, 1 right.
+        R, p: gripper axes (y closes, z approaches) and centre, components (L,) [m].
+        q7: (L,) angle of the last joint [rad].
+
+    Returns:
+        Angles (7, 4, L) [rad], and (4, L) True where the branch exists and keeps the joint limits.
+    """
+    bases = [base_pose(a) for a in range(2)]
+
+    def of_base(left: float, right: float) -> Array:
+        return jnp.where(arm == 0, left, right).astype(q7.dtype)
+
+    columns: Rotation = tuple(tuple(of_base(*(b[0][i, j] for b in bases)) for i in range(3)) for j in range(3))  # type: ignore[assignment]
+    shift: Vector = tuple(of_base(*(b[1][i] for b in bases)) for i in range(3))  # type: ignore[assignment]
+    x_hand, y_hand, z7 = (rotate_back(columns, axis) for axis in R)
+    center = rotate_back(columns, subtract(p, shift))
+
+    hand_rotation, reach = _gripper_in_flange()
+    # Columns of link frame 7 from those of the hand: R_7 = R_hand hand_rotation^T, a turn about z.
+    c, s = float(hand_rotation[0, 0]), float(hand_rotation[0, 1])
+    x7 = add(scale(c, x_hand), scale(s, y_hand))
+    y7 = cross(z7, x7)
+    c7, s7 = jnp.cos(q7), jnp.sin(q7)
+    x6 = subtract(scale(c7, x7), scale(s7, y7))
+    z6 = add(scale(s7, x7), scale(c7, y7))
+    y6 = scale(-1.0, z7)
+    O6 = subtract(subtract(center, scale(reach, z7)), scale(_WRIST, x6))
+    x6, y6, z6, O6 = materialize((x6, y6, z6, O6))
+
+    to_shoulder = (-O6[0], -O6[1], _SHOULDER_HEIGHT - O6[2])
+    distance = jnp.sqrt(dot(to_shoulder, to_shoulder))
+    cosine = (_SIDE_UPPER**2 + _SIDE_FOREARM**2 - distance**2) / (2 * _SIDE_UPPER * _SIDE_FOREARM)
+    exists = jnp.abs(cosine) <= 1
+    q4 = jnp.arccos(jnp.clip(cosine, -1, 1)) - _ANGLE_AT_ZERO
+    c4, s4 = jnp.cos(q4), jnp.sin(q4)
+    # S - O6 in the plane: alpha along z5 (the forearm), beta along x4. O4 - O6 = a4 x4 - d5 z5; S - O4 = -a4 x3 - d3 z3,
+    # with x3 = c4 x4 - s4 z5 and z3 = s4 x4 + c4 z5.
+    alpha = -_FOREARM + _ELBOW * s4 - _UPPER * c4
+    beta = _ELBOW - _ELBOW * c4 - _UPPER * s4
+
+    # z5 = sin q6 x6 + cos q6 y6, and its product with S - O6 is alpha.
+    along_x, along_y = dot(to_shoulder, x6), dot(to_shoulder, y6)
+    amplitude = jnp.sqrt(along_x**2 + along_y**2)
+    exists &= amplitude >= jnp.abs(alpha)
+    middle = jnp.arctan2(along_x, along_y)
+    spread = jnp.arccos(jnp.clip(alpha / jnp.maximum(amplitude, 1e-9), -1, 1))
+    solutions, valid = [], []
+    lower, upper = load_arm().joint_limits
+    alpha, beta, c4, s4, q4, middle, spread = materialize((alpha, beta, c4, s4, q4, middle, spread))
+    for side in (1.0, -1.0):
+        q6 = middle + side * spread
+        # Into [-pi/2, 3 pi/2), which holds the joint's range.
+        q6 = jnp.mod(q6 + math.pi / 2, 2 * math.pi) - math.pi / 2
+        c6, s6 = jnp.cos(q6), jnp.sin(q6)
+        z5 = add(scale(s6, x6), scale(c6, y6))
+        x5 = subtract(scale(c6, x6), scale(s6, y6))
+        x4 = scale(1 / jnp.where(jnp.abs(beta) < 1e-9, 1e-9, beta), subtract(to_shoulder, scale(alpha, z5)))
+        z4 = cross(x4, z5)
+        # Joint 5 turns frame 4 (tilted so that its z is the forearm) into frame 5.
+        tilted_y = scale(-1.0, z4)
+        q5 = jnp.arctan2(dot(x5, tilted_y), dot(x5, x4))
+        x3 = subtract(scale(c4, x4), scale(s4, z5))
+        z3 = add(scale(s4, x4), scale(c4, z5))
+        x3, z3, q5, q6 = materialize((x3, z3, q5, q6))
+        horizontal = jnp.sqrt(z3[0] ** 2 + z3[1] ** 2)
+        for turn in (1.0, -1.0):
+            q2 = turn * jnp.arctan2(horizontal, z3[2])
+            q1 = jnp.arctan2(turn * z3[1], turn * z3[0])
+            c1, s1 = jnp.cos(q1), jnp.sin(q1)
+            c2, s2 = jnp.cos(q2), jnp.sin(q2)
+            x2 = (c1 * c2, s1 * c2, -s2)
+            beside: Vector = (-s1, c1, jnp.zeros_like(c1))
+            q3 = jnp.arctan2(dot(x3, beside), dot(x3, x2))
+            q = jnp.stack([q1, q2, q3, q4, q5, q6, jnp.broadcast_to(q7, q4.shape)])
+            solutions.append(q)
+            inside = (q >= lower[:, None].astype(q.dtype)) & (q <= upper[:, None].astype(q.dtype))
+            valid.append(exists & inside.all(0))
+    return jnp.stack(solutions, axis=1), jnp.stack(valid)
