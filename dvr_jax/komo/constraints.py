@@ -57,6 +57,16 @@ def _phases_to_slices(value: Array, T: int) -> Array:
     return jnp.repeat(value.transpose(2, 0, 1), T // K, axis=2).reshape(N, B * T)
 
 
+def _openings(problem: Problem, T: int) -> Array:
+    """Finger openings of both arms in each slice, ``(2, B T)``: at a switch the wider of before and after it, so that fingers that
+    open as they let go find room."""
+    B, K, _ = problem.resting.shape
+    before, after = problem.opening[:, :-1], problem.opening[:, 1:]
+    switching = jnp.arange(T).reshape(K, T // K) % (T // K) == T // K - 1
+    opening = jnp.where(switching[None, :, :, None], jnp.maximum(before, after)[:, :, None], before[:, :, None])
+    return opening.reshape(B * T, 2).T
+
+
 def _attach(problem: Problem, m: Array, kind: Array, by: Array, of: Array | None = None) -> Attachment:
     """Attachments ``(B, J, N')`` with the parameters of the actions ``by``; ``of`` selects objects where N' is not all of them."""
 
@@ -83,7 +93,7 @@ def evaluate(problem: Problem, x: Variables) -> tuple[Rows, Jacobians]:
     L = B * T
     q = jnp.moveaxis(x.q.reshape(L, 2, 7), (0, 1, 2), (2, 1, 0))
     rotations, positions = link_poses(q)
-    a, b = materialize(capsule_segments(rotations, positions, _phases_to_slices(problem.opening, T)))
+    a, b = materialize(capsule_segments(rotations, positions, _openings(problem, T)))
     hand_R, hand_p = materialize(hand_pose(rotations, positions))
     screws = materialize(joint_screws(rotations, positions)).reshape(6, 14, L)
 

@@ -50,7 +50,7 @@ class Problem(NamedTuple):
     resting: Array
     """(K, 2): 1 for each arm that takes part in switch k, else 0."""
     opening: Array
-    """(K, 2) distance of each finger from the hand's middle plane in phase k [m]."""
+    """(K + 1, 2) distance of each finger from the hand's middle plane in phase k, and after the last action [m]."""
     is_grasp: Array
     """(K,): 1 for a grasp, 0 for a place."""
     face_yaw: Array

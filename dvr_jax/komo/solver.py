@@ -47,7 +47,7 @@ class Settings(NamedTuple):
     """Settings of the solver; numbers, so that changing one needs no new compilation."""
 
     weights: Weights = Weights()
-    penalty: float = 1e3
+    penalty: float = 1e4
     """Initial penalty [1/m^2]."""
     penalty_growth: float = 5.0
     """Factor of the penalty where the violation did not fall to `sufficient_decrease` of its last value."""
@@ -64,8 +64,8 @@ class Settings(NamedTuple):
     damping_limit: float = 1e4
     final_step: float = 1e-1
     """A feasible lane ends when its last accepted step was no longer than this [rad]."""
-    iteration_limit: int = 100
-    patience: int = 4
+    iteration_limit: int = 50
+    patience: int = 5
     """A lane stagnates after so many multiplier updates in a row without a violation 10 % below the best."""
 
 

@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import math
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
 from dvr_jax.geometry.vectors import Rotation, Vector, add, cross, dot, materialize, rotate_back, scale, subtract
-from dvr_jax.robot.kinematics import base_pose, load_arm
+from dvr_jax.robot.kinematics import base_pose, hand_pose, link_poses, load_arm
 
 BRANCHES = 4
 """Solutions for each value of q7."""
@@ -118,3 +119,32 @@ def arm_angles(arm: Array, R: Rotation, p: Vector, q7: Array) -> tuple[Array, Ar
             inside = (q >= lower[:, None].astype(q.dtype)) & (q <= upper[:, None].astype(q.dtype))
             valid.append(exists & inside.all(0))
     return jnp.stack(solutions, axis=1), jnp.stack(valid)
+
+
+@jax.jit
+def shift_gripper(q: Array, arm: Array, up: Array, distance: float) -> Array:
+    """Joint angles with the gripper moved by ``distance`` [m] straight up, or back along its approach.
+
+    Args:
+        q: (L, 7) angles of one arm each [rad].
+        arm: (L,) int, 0 left, 1 right.
+        up: (L,) True: up, False: back.
+
+    Returns:
+        (L, 7): the solution nearest to ``q`` with the same last joint, or ``q`` itself where there is none within 1 rad.
+    """
+    both = jnp.broadcast_to(q.T[:, None], (7, 2, q.shape[0]))
+    hand_R, hand_p = hand_pose(*link_poses(both))
+
+    def own(x: Array) -> Array:
+        return jnp.where(arm == 0, x[0], x[1])
+
+    R: Rotation = tuple(tuple(own(x) for x in column) for column in hand_R)  # type: ignore[assignment]
+    p: Vector = (own(hand_p[0]), own(hand_p[1]), own(hand_p[2]))
+    back = scale(-1.0, R[2])
+    direction = (jnp.where(up, 0, back[0]), jnp.where(up, 0, back[1]), jnp.where(up, 1, back[2]))
+    solutions, valid = arm_angles(arm, R, add(p, scale(distance, direction)), q[:, 6])
+    change = jnp.where(valid, jnp.abs(solutions - q.T[:, None]).max(0), jnp.inf)
+    best = jnp.argmin(change, axis=0)
+    nearest = jnp.take_along_axis(solutions, best[None, None], axis=1)[:, 0]
+    return jnp.where(change.min(0) < 1.0, nearest, q.T).T

@@ -33,6 +33,9 @@ JOINT_LOWER: tuple[float, ...] = (-2.8973, -1.7628, -2.8973, -3.0718, -2.8973, -
 JOINT_UPPER: tuple[float, ...] = (2.8973, 1.7628, 2.8973, -0.0698, 2.8973, 3.7525, 2.8973)
 """Upper joint limits of a Panda (rad), Franka's published data."""
 
+JOINT_VELOCITY: tuple[float, ...] = (2.1750, 2.1750, 2.1750, 2.1750, 2.6100, 2.6100, 2.6100)
+"""Joint velocity limits of a Panda (rad/s), Franka's published data."""
+
 HOME_POSTURE: tuple[float, ...] = (0.0, -math.pi / 4, 0.0, -3 * math.pi / 4, 0.0, math.pi / 2, math.pi / 4)
 """The posture in which a Panda is delivered (rad)."""
 

@@ -1,0 +1,296 @@
+"""The independent check of a plan: every sample of its motion is replayed in MuJoCo C and held against the actions.
+
+The actions are walked once to know who holds what from which switch to which (`_Span`); all else is read from MuJoCo's
+own kinematics and collisions. Neither the optimiser's kinematics nor its distances are used. Metres, radians, seconds.
+An object is *held* from its grasp's switch to the sample before its release, and *stands* in all others.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from dvr_jax.check import CheckReport, Finding, FindingLog, describe
+from dvr_jax.check.motion import Motion, validate_motion
+from dvr_jax.errors import DvrError
+from dvr_jax.logic import FACES, Action
+from dvr_jax.scene.mjcf import build_model, home_qpos, object_body_name, qpos_layout
+from dvr_jax.scene.types import Scene
+from dvr_jax.scene.validation import TABLE_FOOTPRINT
+from dvr_jax.scene.workspace import (
+    ARM_NAMES,
+    FINGER_OPEN,
+    JOINT_LOWER,
+    JOINT_UPPER,
+    JOINT_VELOCITY,
+    MAXIMUM_OPENING,
+)
+
+__all__ = ["CheckReport", "Finding", "check_motion", "describe"]
+
+Floats = NDArray[np.float64]
+
+DEEPEST_CONTACT = 3e-3
+"""Deepest penetration of what may not touch, m."""
+LIMIT_TOLERANCE = 1e-3
+"""Largest excess over a joint limit, rad; also the largest deviation from the home posture."""
+FINGER_TOLERANCE = 1e-4
+"""Largest excess of a finger's travel over 0 to FINGER_OPEN, m."""
+SPEED_MARGIN = 1.05
+"""A joint may turn this much faster than its limit: differences of samples are no exact velocities."""
+OBJECT_SPEED = 5.0
+"""Fastest motion of an object, m/s: anything faster is a jump."""
+SHIFT, TURN = 1e-3, 1e-2
+"""Largest displacement (m) and rotation (rad) of what must stay: standing objects, held ones in their gripper."""
+SWITCH_SHIFT, SWITCH_TURN = 3e-3, 2e-2
+"""The same of an object across the one sample step at which it is grasped or released."""
+CENTRE_TOLERANCE = 1e-3
+"""Largest distance of the gripper's centre from the object that it grasps, m."""
+AXIS_TOLERANCE = 2e-2
+"""Largest angle between the closing axis and the grasped face's normal, rad."""
+AXIS_OFFSET = 2e-3
+"""Largest distance between the closing axis and the axis of a grasped cylinder, m."""
+SUPPORT_TOLERANCE = 2e-3
+"""Largest height of a placed object above or below its support, and largest overhang, m."""
+CLOSING_SAMPLES = 10
+"""Before a grasp's switch the gripper may touch the object for so many samples: one slice of the planner."""
+
+
+def check_motion(scene: Scene, actions: Sequence[Action], motion: Motion) -> CheckReport:
+    """Replay a motion that claims to carry out the actions from the scene's initial state to its goal.
+
+    Raises DvrError for what cannot be replayed: arrays that do not fit the scene, actions that do not apply.
+    """
+    _validate_fit(scene, actions, motion)
+    last = len(motion.time) - 1
+    story = _tell_story(scene, actions, last + 1, motion.switch)
+    log = FindingLog(motion.time)
+    replay, deepest = _replay(scene, motion, story, log)
+    _check_joints(motion, home_qpos(scene), log)
+    _check_objects(scene, motion, story, replay, log)
+    for span in story:
+        if span.arm >= 0:
+            _check_grasp(scene, span, replay, log)
+            if span.end > last and span.object == scene.goal_index:
+                log.add("goal held", last, (_label(scene, span.object), ARM_NAMES[span.arm]), 1.0, 0.0)
+        elif span.support:
+            for sample in (span.start, span.end - 1):
+                _check_support(scene, span.object, span.support, sample, replay, log)
+    _check_support(scene, scene.goal_index, "goal", last, replay, log)
+    findings = tuple(sorted(log.worst.values(), key=lambda finding: (finding.time, finding.kind, finding.names)))
+    return CheckReport(not findings, findings, deepest, last + 1, float(motion.time[-1] - motion.time[0]))
+
+
+@dataclass(frozen=True, slots=True)
+class _Span:
+    """Samples start to end - 1, in which an object is held by an arm or stands on a support."""
+
+    object: int
+    start: int
+    end: int
+    arm: int = -1
+    face: str = ""
+    support: str = ""
+    """Where a place has put it; empty for one that stands where the scene has it."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Replay:
+    """World positions (..., 3) and rotations (..., 3, 3) of objects (T, N) and gripper centres (T, 2), by MuJoCo."""
+
+    object_position: Floats
+    object_rotation: Floats
+    gripper_position: Floats
+    gripper_rotation: Floats
+
+
+def _label(scene: Scene, index: int) -> str:
+    return f"object/{scene.objects[index].name}"
+
+
+def _validate_fit(scene: Scene, actions: Sequence[Action], motion: Motion) -> None:
+    validate_motion(motion)
+    layout = qpos_layout(len(scene.objects))
+    if motion.qpos.shape[1] != layout.size:
+        raise DvrError(
+            f"the motion's states have {motion.qpos.shape[1]} numbers; "
+            f"valid are {layout.size} for {len(scene.objects)} objects."
+        )
+    if len(motion.switch) != len(actions):
+        raise DvrError(f"the motion has {len(motion.switch)} switches; valid are {len(actions)}, one an action.")
+    lengths = np.linalg.norm(motion.qpos[:, layout.objects[:, 3:]], axis=-1)
+    if np.abs(lengths - 1).max() > 1e-3:
+        raise DvrError(
+            f"the motion has a quaternion of length {lengths.flat[np.abs(lengths - 1).argmax()]:g}; valid is 1."
+        )
+
+
+def _tell_story(scene: Scene, actions: Sequence[Action], end: int, switch: NDArray[np.int64]) -> tuple[_Span, ...]:
+    """Each object's spans over samples 0 to end - 1, without gaps; DvrError for an action that does not apply."""
+    indices = {item.name: index for index, item in enumerate(scene.objects)}
+    done: list[_Span] = []
+    now = {index: _Span(index, 0, end) for index in indices.values()}  # one span of each object is open
+    for number, (action, sample) in enumerate(zip(actions, switch.tolist(), strict=True), start=1):
+        held_by = {span.arm: index for index, span in now.items() if span.arm >= 0}
+        match action:
+            case Action("grasp", (arm, face, name)) if arm in ARM_NAMES and face in FACES and name in indices:
+                if ARM_NAMES.index(arm) in held_by:
+                    raise DvrError(f"action {number}, {action}: {arm} already holds an object; its hand must be empty.")
+                span = _Span(indices[name], sample, end, ARM_NAMES.index(arm), face)
+            case Action("place", (arm, name, support)) if name in indices and support in ("table", "goal"):
+                if arm not in ARM_NAMES or held_by.get(ARM_NAMES.index(arm)) != indices[name]:
+                    raise DvrError(f"action {number}, {action}: {arm} does not hold {name}, so it cannot place it.")
+                span = _Span(indices[name], sample, end, support=support)
+            case _:
+                raise DvrError(
+                    f"action {number}, {action}: valid are grasp(arm, face, object) and place(arm, object, support) "
+                    f"with arms {', '.join(ARM_NAMES)}; faces {', '.join(FACES)}; objects {', '.join(indices)}; "
+                    "supports table, goal."
+                )
+        done.append(replace(now[span.object], end=sample))
+        now[span.object] = span
+    return tuple(sorted((*done, *now.values()), key=lambda span: (span.start, span.object)))
+
+
+def _replay(scene: Scene, motion: Motion, story: tuple[_Span, ...], log: FindingLog) -> tuple[_Replay, float]:
+    """All poses, and the deepest penetration (m) of what may not touch."""
+    model = build_model(scene)
+    data = mujoco.MjData(model)
+    bodies = [model.body(object_body_name(item.name)).id for item in scene.objects]
+    sites = [model.site(f"{arm}/gripper").id for arm in ARM_NAMES]
+    labels = {body: model.body(body).name for body in range(model.nbody)}
+    labels.update({body: _label(scene, index) for index, body in enumerate(bodies)})
+    parts = ("hand", "finger_left", "finger_right")
+    grippers = {model.body(f"{arm}/{part}").id: a for a, arm in enumerate(ARM_NAMES) for part in parts}
+    grasped = _allowed_contacts(story, len(motion.time), len(scene.objects))
+
+    def may_touch(sample: int, first: int, second: int) -> bool:
+        for hand, thing in ((first, second), (second, first)):
+            if hand in grippers and thing in bodies:
+                return bool(grasped[sample, grippers[hand], bodies.index(thing)])
+        return False
+
+    poses: list[tuple[Floats, ...]] = []
+    deepest = 0.0
+    for sample, qpos in enumerate(motion.qpos):
+        data.qpos[:] = qpos
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_collision(model, data)
+        poses.append((data.xpos[bodies], data.xmat[bodies], data.site_xpos[sites], data.site_xmat[sites]))
+        depths = -data.contact.dist
+        for contact in np.flatnonzero(depths > 0):
+            first, second = (int(model.geom_bodyid[geom]) for geom in data.contact.geom[contact])
+            if may_touch(sample, first, second):
+                continue
+            depth = float(depths[contact])
+            deepest = max(deepest, depth)
+            names = tuple(sorted((labels[first], labels[second])))
+            log.add("penetration", sample, names, depth, DEEPEST_CONTACT)
+    stacked = [np.stack(values) for values in zip(*poses, strict=True)]
+    matrices = [stacked[i].reshape(*stacked[i].shape[:2], 3, 3) for i in (1, 3)]
+    return _Replay(stacked[0], matrices[0], stacked[2], matrices[1]), deepest
+
+
+def _allowed_contacts(story: tuple[_Span, ...], samples: int, objects: int) -> NDArray[np.bool_]:
+    """Whether an arm's gripper may touch an object (T, 2, N): while it holds it, shortly before, and at its release."""
+    allowed = np.zeros((samples, 2, objects), dtype=bool)
+    for span in story:
+        if span.arm < 0:
+            continue
+        allowed[max(span.start - CLOSING_SAMPLES, 0) : span.end + 1, span.arm, span.object] = True
+    return allowed
+
+
+def _check_joints(motion: Motion, home: Floats, log: FindingLog) -> None:
+    """Limits, speeds and the home posture of both arms and their fingers."""
+    layout = qpos_layout((motion.qpos.shape[1] - qpos_layout(0).size) // 7)
+    for a, arm in enumerate(ARM_NAMES):
+        for j, index in enumerate(layout.arm_joints[a]):
+            names, angles = (f"{arm}/joint{j + 1}",), motion.qpos[:, index]
+            excess = np.maximum(JOINT_LOWER[j] - angles, angles - JOINT_UPPER[j])
+            log.add_worst("joint limit", 0, names, excess, LIMIT_TOLERANCE)
+            speeds = np.abs(np.diff(angles)) / motion.step
+            log.add_worst("joint speed", 1, names, speeds, SPEED_MARGIN * JOINT_VELOCITY[j])
+            log.add("home posture", 0, names, float(abs(angles[0] - home[index])), LIMIT_TOLERANCE)
+        for part, index in zip(("finger_left", "finger_right"), layout.fingers[a], strict=True):
+            names, travel = (f"{arm}/{part}",), motion.qpos[:, index]
+            log.add_worst("finger travel", 0, names, np.maximum(-travel, travel - FINGER_OPEN), FINGER_TOLERANCE)
+            log.add("home finger", 0, names, float(abs(travel[0] - home[index])), SHIFT)
+
+
+def _check_objects(scene: Scene, motion: Motion, story: tuple[_Span, ...], replay: _Replay, log: FindingLog) -> None:
+    """The start, jumps, standing objects that move, held objects that slip."""
+    for index, item in enumerate(scene.objects):
+        label, p, R = _label(scene, index), replay.object_position[:, index], replay.object_rotation[:, index]
+        cosine, sine = np.cos(item.yaw), np.sin(item.yaw)
+        upright = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+        log.add("home shift", 0, (label,), float(np.linalg.norm(p[0] - item.center)), SHIFT)
+        log.add("home turn", 0, (label,), float(_angle(R[0], upright)), TURN)
+        speeds = np.linalg.norm(np.diff(p, axis=0), axis=1) / motion.step
+        log.add_worst("object speed", 1, (label,), speeds, OBJECT_SPEED)
+    for span in story:
+        label, within = _label(scene, span.object), slice(span.start, span.end)
+        p, R = replay.object_position[:, span.object], replay.object_rotation[:, span.object]
+        if span.start > 0:
+            shift = float(np.linalg.norm(p[span.start] - p[span.start - 1]))
+            log.add("switch shift", span.start, (label,), shift, SWITCH_SHIFT)
+            log.add("switch turn", span.start, (label,), float(_angle(R[span.start], R[span.start - 1])), SWITCH_TURN)
+        p, R = p[within], R[within]
+        kind = "standing" if span.arm < 0 else "slip"
+        names: tuple[str, ...] = (label,) if span.arm < 0 else (label, ARM_NAMES[span.arm])
+        if span.arm >= 0:
+            to_hand = replay.gripper_rotation[within, span.arm].transpose(0, 2, 1)
+            p = np.einsum("tij,tj->ti", to_hand, p - replay.gripper_position[within, span.arm])
+            R = to_hand @ R
+        log.add_worst(f"{kind} shift", span.start, names, np.linalg.norm(p - p[0], axis=1), SHIFT)
+        log.add_worst(f"{kind} turn", span.start, names, _angle(R, R[0]), TURN)
+
+
+def _check_grasp(scene: Scene, grip: _Span, replay: _Replay, log: FindingLog) -> None:
+    """The gripper's centre, its closing axis and the object's width between the fingers, at the switch."""
+    item, names = scene.objects[grip.object], (_label(scene, grip.object), ARM_NAMES[grip.arm])
+    R = replay.object_rotation[grip.start, grip.object]
+    centre = R.T @ (replay.gripper_position[grip.start, grip.arm] - replay.object_position[grip.start, grip.object])
+    closing = R.T @ replay.gripper_rotation[grip.start, grip.arm][:, 1]
+    half = np.array(item.half_extents)
+    if item.shape == "box":
+        face = FACES.index(grip.face)
+        normal = np.zeros(3)
+        normal[face % 2] = 1.0 if face < 2 else -1.0
+        deviation = np.arctan2(np.linalg.norm(np.cross(normal, closing)), normal @ closing)
+        excess, width = np.abs(centre) - half, 2 * half[face % 2]
+    else:
+        deviation = np.arctan2(abs(closing[2]), np.hypot(closing[0], closing[1]))
+        offset = abs(centre[0] * closing[1] - centre[1] * closing[0]) / max(np.hypot(closing[0], closing[1]), 1e-9)
+        log.add("closing offset", grip.start, names, float(offset), AXIS_OFFSET)
+        excess, width = np.array([np.hypot(centre[0], centre[1]) - half[0], abs(centre[2]) - half[2]]), 2 * half[0]
+    log.add("gripper centre", grip.start, names, float(np.linalg.norm(np.maximum(excess, 0.0))), CENTRE_TOLERANCE)
+    log.add("closing axis", grip.start, names, float(deviation), AXIS_TOLERANCE)
+    log.add("width", grip.start, names, float(width), MAXIMUM_OPENING + CENTRE_TOLERANCE)
+
+
+def _check_support(scene: Scene, index: int, support: str, sample: int, replay: _Replay, log: FindingLog) -> None:
+    """That an object stands upright on the table's top, its footprint within the support's rectangle."""
+    item, names = scene.objects[index], (_label(scene, index), support)
+    p, R = replay.object_position[sample, index], replay.object_rotation[sample, index]
+    half = np.array(item.half_extents)
+    if item.shape == "box":
+        lowest = p[2] - np.abs(R[2]) @ half
+        corners = np.array([[x, y, -1.0] for x in (-1.0, 1.0) for y in (-1.0, 1.0)]) * half
+        footprint, radius = (p + corners @ R.T)[:, :2], 0.0
+    else:
+        lowest = p[2] - abs(R[2, 2]) * half[2] - np.hypot(R[2, 0], R[2, 1]) * half[0]
+        footprint, radius = (p - R[:, 2] * half[2])[None, :2], float(half[0])
+    rectangle = scene.goal.region.footprint if support == "goal" else TABLE_FOOTPRINT
+    overhang = np.abs((footprint - rectangle.center) @ rectangle.axes().T) + radius - rectangle.half
+    log.add("support tilt", sample, names, float(np.arctan2(np.hypot(R[0, 2], R[1, 2]), R[2, 2])), TURN)
+    log.add("support height", sample, names, float(abs(lowest)), SUPPORT_TOLERANCE)
+    log.add("support overhang", sample, names, float(overhang.max()), SUPPORT_TOLERANCE)
+
+
+def _angle(first: Floats, second: Floats) -> Floats:
+    """Angle between rotations (..., 3, 3), rad; exact for small ones, where the trace's arc cosine is not."""
+    distance = np.linalg.norm(first - second, axis=(-2, -1))
+    return np.asarray(2 * np.arcsin(np.clip(distance / np.sqrt(8.0), 0.0, 1.0)))

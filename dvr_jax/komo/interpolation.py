@@ -1,0 +1,95 @@
+"""From the slices of a solved path to a motion of the whole scene at ten times their rate.
+
+Joints run through the slices as monotone cubics (PCHIP), which keep an arm that rests between two slices at rest, so fingers open and close
+in that interval. Held objects are carried rigidly by the mode transforms of the NLP, placed with MuJoCo's own kinematics.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+
+from dvr_jax.check.motion import Motion, make_motion
+from dvr_jax.komo.problem import HELD_LEFT, PLACED, Problem
+from dvr_jax.scene.mjcf import build_model, qpos_layout
+from dvr_jax.scene.types import Scene
+from dvr_jax.scene.workspace import ARM_NAMES, JOINT_VELOCITY
+
+SAMPLES_PER_SLICE = 10
+"""Rate at which a motion is checked, per slice of the path."""
+
+SHORTEST_SLICE = 0.1
+"""Shortest duration of a slice [s]; longer where a joint would exceed its velocity limit."""
+
+VELOCITY_SHARE = 0.9
+"""Share of Franka's joint velocity limits that a motion may use."""
+
+Floats = NDArray[np.float64]
+
+
+def interpolate(scene: Scene, problem: Problem, q: Floats, m: Floats) -> Motion:
+    """Motion of a solved path.
+
+    Args:
+        problem: of the path's sequence (no batch axes).
+        q: (T, 14) joint angles [rad].
+        m: (K, 4) mode parameters.
+    """
+    T, K = q.shape[0], m.shape[0]
+    S, R = T // K, SAMPLES_PER_SLICE
+    knots = np.concatenate([problem.home[None], q])
+    slices = np.arange(T + 1)
+    sampled = np.arange(T * R + 1) / R
+    joints = PchipInterpolator(slices, knots, axis=0)(sampled)
+    fastest = (np.abs(np.diff(joints, axis=0)) * R / np.tile(JOINT_VELOCITY, 2)).max()
+    duration = max(SHORTEST_SLICE, float(fastest) / VELOCITY_SHARE)
+
+    phase = np.minimum((sampled / S).astype(int), K - 1)
+    phase_after = np.where(np.arange(T * R + 1) == T * R, K, phase)
+    layout = qpos_layout(len(scene.objects))
+    qpos = np.zeros((len(sampled), layout.size))
+    qpos[:, layout.arm_joints.reshape(-1)] = joints
+    # Fingers move while the arm rests: in the last interval before its switch.
+    share = np.clip(sampled - ((phase + 1) * S - 1), 0, 1)[:, None]
+    opening = (1 - share) * problem.opening[phase] + share * problem.opening[phase + 1]
+    qpos[:, layout.fingers.reshape(-1)] = np.repeat(opening, 2, axis=1)
+    _carry_objects(scene, problem, m, phase_after, qpos)
+    return make_motion(sampled * duration, qpos, (np.arange(K) + 1) * S * R)
+
+
+def _carry_objects(scene: Scene, problem: Problem, m: Floats, phase: NDArray[np.int64], qpos: Floats) -> None:
+    """Write the objects' poses into ``qpos``, whose joints are complete."""
+    model = build_model(scene)
+    data = mujoco.MjData(model)
+    sites = [model.site(f"{arm}/gripper").id for arm in ARM_NAMES]
+    objects = qpos_layout(len(scene.objects)).objects
+    quaternion = np.zeros(4)
+    for sample, k in enumerate(phase):
+        data.qpos[:] = qpos[sample]
+        mujoco.mj_kinematics(model, data)
+        for n, columns in enumerate(objects):
+            kind, action = int(problem.attachment[k, n]), int(problem.attached_by[k, n])
+            if kind >= HELD_LEFT:
+                R_object_hand, p_object_hand = grasp_transform(float(problem.face_yaw[action]), m[action])
+                R_hand = data.site_xmat[sites[kind - HELD_LEFT]].reshape(3, 3)
+                R = R_hand @ R_object_hand.T
+                p = data.site_xpos[sites[kind - HELD_LEFT]] - R @ p_object_hand
+            else:
+                if kind == PLACED:
+                    p, yaw = np.array([m[action, 0], m[action, 1], problem.half[n, 2]]), m[action, 2]
+                else:
+                    p, yaw = problem.initial_pose[n, :3], problem.initial_pose[n, 3]
+                c, s = np.cos(yaw), np.sin(yaw)
+                R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+            mujoco.mju_mat2Quat(quaternion, R.reshape(-1))
+            qpos[sample, columns] = [*p, *quaternion]
+
+
+def grasp_transform(face_yaw: float, m: Floats) -> tuple[Floats, Floats]:
+    """Gripper in the object's frame, rotation (3, 3) and centre (3,), as `dvr_jax.komo.modes.grasp_frame`."""
+    c, s = np.cos(face_yaw + m[3]), np.sin(face_yaw + m[3])
+    n, u, up = np.array([c, s, 0.0]), np.array([-s, c, 0.0]), np.array([0.0, 0.0, 1.0])
+    approach = np.sin(m[2]) * u - np.cos(m[2]) * up
+    return np.stack([np.cross(n, approach), n, approach], axis=1), m[0] * u + m[1] * up

@@ -1,0 +1,128 @@
+"""Plan one scene: search for a sequence, optimise its path, and accept it only if the independent check does.
+
+    from dvr_jax.planner import plan
+    from dvr_jax.scene.scene import load_scene
+
+    result = plan(load_scene("data/scenes/figure1.json"), search="mbts", k_max=6)
+    print(result.status, *result.words, sep="\\n")
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import jax
+
+from dvr_jax.check import CheckReport
+from dvr_jax.check.motion import Motion
+from dvr_jax.check.replay import check_motion
+from dvr_jax.errors import DvrError
+from dvr_jax.komo.engine import Solved
+from dvr_jax.komo.interpolation import interpolate
+from dvr_jax.logic import Action, describe
+from dvr_jax.scene.types import Scene
+from dvr_jax.search.searches import SEARCHES, SOLVED
+from dvr_jax.search.tree import Node, SequenceTree
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """Result of planning one scene."""
+
+    scene: Scene
+    status: str
+    """"solved", "tree exhausted" (no sequence of at most k_max actions) or "time limit"."""
+    actions: tuple[Action, ...]
+    """Empty unless solved."""
+    motion: Motion | None
+    report: CheckReport | None
+    """The independent check of `motion`."""
+    violations: dict[str, float]
+    """Largest violation of each kind in the path NLP [m or rad]."""
+    seconds: dict[str, float]
+    """Time by stage, and "total" [s]."""
+    nlps: dict[str, int]
+    """NLPs solved by bound; every start counts."""
+    verdicts: dict[str, int]
+    """Prefixes judged by bound."""
+    rejected: int
+    """Feasible paths that the independent check refused."""
+    options: dict[str, object] = field(default_factory=dict)
+    """Search, k_max, seed and time limit."""
+
+    @property
+    def solved(self) -> bool:
+        """Whether there is a motion that passes the independent check."""
+        return self.status == SOLVED
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """The actions in words."""
+        return tuple(describe(action) for action in self.actions)
+
+
+def plan(
+    scene: Scene,
+    search: str = "mbts",
+    k_max: int = 6,
+    seed: int = 0,
+    time_limit: float = 60.0,
+    progress: Callable[[str], None] = lambda line: None,
+) -> Plan:
+    """Search, optimise and check.
+
+    Args:
+        scene: a valid scene.
+        search: "mbts" (multi-bound tree search) or "bfs" (breadth-first).
+        k_max: largest number of actions, at least 1.
+        seed: of all sampling; the same seed gives the same plan.
+        time_limit: [s]; looked at between batches, so it is overrun by a few seconds at most once programs are compiled.
+        progress: takes a line about what is going on.
+    """
+    if search not in SEARCHES:
+        raise DvrError(f"there is no search '{search}'; valid: {', '.join(SEARCHES)}.")
+    if k_max < 1:
+        raise DvrError(f"k_max is {k_max}; valid is a whole number from 1.")
+    if not time_limit > 0:
+        raise DvrError(f"the time limit is {time_limit} s; valid is a positive number.")
+    begin = time.monotonic()
+    # Tolerances of a micrometre need double precision. Set here and not on import, which must not change other users' programs.
+    with jax.enable_x64(True):
+        tree = SequenceTree(scene, k_max, seed)
+        accepted: list[tuple[Motion, CheckReport]] = []
+        check_seconds, rejected = 0.0, 0
+
+        def accept(node: Node, path: Solved) -> bool:
+            nonlocal check_seconds, rejected
+            start = time.monotonic()
+            assert node.problem is not None
+            motion = interpolate(scene, node.problem, path.q, path.m)
+            report = check_motion(scene, node.actions, motion)
+            check_seconds += time.monotonic() - start
+            if report.passed:
+                accepted.append((motion, report))
+            else:
+                rejected += 1
+                progress(f"refused by the check: {report.findings[0]}")
+            return report.passed
+
+        outcome = SEARCHES[search](tree, time_limit, accept, progress)
+    motion, report = accepted[-1] if outcome.status == SOLVED else (None, None)
+    total = time.monotonic() - begin
+    seconds = {**outcome.seconds, "check": check_seconds}
+    seconds["path"] = max(0.0, seconds["path"])
+    return Plan(
+        scene=scene,
+        status=outcome.status,
+        actions=outcome.node.actions if outcome.node is not None else (),
+        motion=motion,
+        report=report,
+        violations=outcome.path.violations if outcome.path is not None else {},
+        seconds={**seconds, "total": total},
+        nlps=dict(tree.counts.nlps),
+        verdicts=dict(tree.counts.verdicts),
+        rejected=rejected,
+        options={"search": search, "k_max": k_max, "seed": seed, "time_limit": time_limit},
+    )

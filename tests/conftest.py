@@ -1,0 +1,18 @@
+"""JAX as all tests use it: float64, and compiled programs kept between runs.
+
+Set before any test module is imported, hence before JAX builds anything.
+"""
+
+import os
+import tempfile
+from pathlib import Path
+
+import jax
+
+jax.config.update("jax_enable_x64", True)
+jax.config.update("jax_platforms", "cpu")
+# Implicit rank promotion is allowed: the library broadcasts arrays of one batch shape against per-pair constants of lower rank throughout.
+jax.config.update("jax_numpy_rank_promotion", "allow")
+_cache = Path(os.environ.get("XDG_CACHE_HOME") or tempfile.gettempdir()) / f"dvr_jax_tests_{os.getuid()}"
+jax.config.update("jax_compilation_cache_dir", str(_cache))
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)

@@ -1,0 +1,60 @@
+"""The NLP's rows and Jacobians, compiled once for keyframes and once for a path, shared by all tests here."""
+
+from functools import cached_property
+
+import jax
+import numpy as np
+import pytest
+from komo_cases import Case, Floats, make_case
+
+from dvr_jax.komo.constraints import Jacobians, Rows, evaluate
+from dvr_jax.komo.problem import Problem, Variables
+
+COMPILED = jax.jit(evaluate)
+
+
+class Evaluated:
+    """A case with its rows and Jacobians at its own points and at others of the same shape."""
+
+    def __init__(self, case: Case) -> None:
+        self.case = case
+
+    @cached_property
+    def results(self) -> tuple[Rows, Jacobians]:
+        return self.of(self.case.problems, self.case.x)
+
+    @property
+    def rows(self) -> Rows:
+        return self.results[0]
+
+    @property
+    def jacobians(self) -> Jacobians:
+        return self.results[1]
+
+    def of(self, problems: Problem, x: Variables) -> tuple[Rows, Jacobians]:
+        return jax.tree.map(np.asarray, COMPILED(problems, x))
+
+    def moved(self, kind: str, index: tuple[object, ...], amount: float) -> Rows:
+        """Rows after a change of some joint angles ("q") or mode parameters ("m")."""
+        return self.of(self.case.problems, move(self.case.x, kind, index, amount))[0]
+
+
+def move(x: Variables, kind: str, index: tuple[object, ...], amount: float) -> Variables:
+    changed: Floats = np.array(getattr(x, kind))
+    changed[index] += amount
+    return x._replace(**{kind: changed})
+
+
+@pytest.fixture(scope="session")
+def keyframes() -> Evaluated:
+    return Evaluated(make_case(steps=1, repeats=4, seed=0))
+
+
+@pytest.fixture(scope="session")
+def path() -> Evaluated:
+    return Evaluated(make_case(steps=3, repeats=2, seed=0))
+
+
+@pytest.fixture(params=["keyframes", "path"])
+def evaluated(request: pytest.FixtureRequest) -> Evaluated:
+    return request.getfixturevalue(request.param)

@@ -1,0 +1,109 @@
+"""Scenes, skeletons and points for the tests of the NLP, and object poses worked out from the definition of the mode parameters."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import jax
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from dvr_jax.komo.problem import FIXED, PLACED, Problem, Variables
+from dvr_jax.komo.transcription import transcribe
+from dvr_jax.logic import Action
+from dvr_jax.robot.kinematics import load_arm
+from dvr_jax.scene.scene import Goal, Region, SceneObject, make_scene
+
+Floats = NDArray[np.float64]
+
+SCENE = make_scene(
+    [
+        SceneObject("yellow", "box", (0.05, 0.16, 0.10), (-0.15, 0.22), 0.5),
+        SceneObject("can", "cylinder", (0.035, 0.14), (0.12, -0.2), 0.0),
+        SceneObject("green", "box", (0.06, 0.06, 0.18), (0.05, 0.3), 0.3),
+    ],
+    Goal("yellow", Region((0.3, -0.25), 0.4, (0.22, 0.2))),
+)
+
+
+def grasp(arm: str, face: str, item: str) -> Action:
+    return Action("grasp", (arm, face, item))
+
+
+def place(arm: str, item: str, support: str) -> Action:
+    return Action("place", (arm, item, support))
+
+
+SKELETONS = (
+    # Handover of a box, then its arm is free again while the other one grasps.
+    (grasp("left", "+x", "yellow"), grasp("right", "+y", "yellow"), place("right", "yellow", "goal"), grasp("left", "-x", "can")),
+    # A cylinder placed and grasped where it was placed.
+    (grasp("right", "+x", "can"), place("right", "can", "table"), grasp("left", "-y", "can"), place("left", "can", "goal")),
+    # Both arms hold; then a cylinder is handed over.
+    (grasp("left", "+y", "green"), grasp("right", "+x", "can"), place("left", "green", "goal"), grasp("left", "-x", "can")),
+)
+
+
+@dataclass(frozen=True)
+class Case:
+    """B problems with as many points."""
+
+    problems: Problem
+    x: Variables
+    steps: int
+    """Slices of a phase."""
+
+    @property
+    def batch(self) -> int:
+        return len(self.problems.half)
+
+    def phase(self, t: int) -> int:
+        return t // self.steps
+
+
+def stack(problems: Sequence[Problem]) -> Problem:
+    return jax.tree.map(lambda *leaves: np.stack(leaves), *problems)
+
+
+def make_case(steps: int, repeats: int, seed: int, noise: float = 0.25) -> Case:
+    """All skeletons, each at ``repeats`` random points: joints near home, mode parameters within their bounds or on the table."""
+    problems = stack([transcribe(SCENE, skeleton) for skeleton in SKELETONS] * repeats)
+    generator = np.random.default_rng(seed)
+    B, K = problems.switched_object.shape
+    limits = np.tile(load_arm().joint_limits, 2)
+    q = problems.home[:, None] + generator.normal(size=(B, K * steps, 14)) * noise
+    q = np.clip(q, limits[0], limits[1])
+    bounded = problems.upper < 100
+    lower = np.where(bounded, problems.lower, [-0.4, -0.4, -2.0, -2.0])
+    upper = np.where(bounded, problems.upper, [0.4, 0.4, 2.0, 2.0])
+    # Approaches up to 1 rad from straight down.
+    grasping = problems.is_grasp[..., None] > 0
+    pitch = np.arange(4) == 2
+    lower, upper = (np.where(grasping & pitch, np.clip(v, -1, 1), v) for v in (lower, upper))
+    return Case(problems, Variables(q, generator.uniform(lower, upper)), steps)
+
+
+def object_pose(case: Case, b: int, t: int, n: int, hands: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, Floats]:
+    """World pose of object n of problem b in slice t, given both grippers' poses, by the definition of the mode parameters."""
+    return pose_in_mode(case, b, case.phase(t), n, hands)
+
+
+def pose_in_mode(case: Case, b: int, phase: int, n: int, hands: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, Floats]:
+    """World pose of object n as it is attached in a phase."""
+    kind = case.problems.attachment[b, phase, n]
+    by = case.problems.attached_by[b, phase, n]
+    m = np.asarray(case.x.m[b, by])
+    if kind == FIXED:
+        x, y, z, yaw = case.problems.initial_pose[b, n]
+        return Rotation.from_euler("z", yaw).as_matrix(), np.array([x, y, z])
+    if kind == PLACED:
+        return Rotation.from_euler("z", m[2]).as_matrix(), np.array([m[0], m[1], case.problems.half[b, n, 2]])
+    # The gripper in the object's frame: at yaw 0 and pitch 0 it points straight down (z), closes along +x (y), so its x is -y.
+    face = Rotation.from_euler("z", case.problems.face_yaw[b, by] + m[3])
+    down = Rotation.from_matrix(np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1.0]]))
+    # Pitch turns the approach about the closing axis, toward the tangent z x n.
+    T_object_hand_R = (face * Rotation.from_euler("x", m[2]) * down).as_matrix()
+    T_object_hand_p = face.apply([0, m[0], m[1]])
+    R_hand, p_hand = hands[kind - 2]
+    R = R_hand @ T_object_hand_R.T
+    return R, p_hand - R @ T_object_hand_p

@@ -1,0 +1,74 @@
+"""The bordered banded solver against NumPy's dense solve."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from dvr_jax.komo.banded import BorderedSystem, dense_matrix, solve_bordered
+
+JOINTS = 14
+
+
+def sample_system(phases: int, steps: int, seed: int = 0) -> BorderedSystem:
+    """A positive definite system of a problem's size: blocks dominate what couples them."""
+    generator = np.random.default_rng(seed)
+    T, M = phases * steps, 4 * phases
+    half = generator.normal(size=(T, JOINTS, JOINTS))
+    wide = generator.normal(size=(M, 2 * M))
+    border = generator.normal(size=(T, JOINTS, M)) / np.sqrt(T)
+    coupling = generator.normal(size=(2, T, JOINTS)) if steps > 1 else None
+    return BorderedSystem(
+        diagonal=jnp.asarray(half @ half.swapaxes(1, 2) + 8 * np.eye(JOINTS)),
+        coupling=None if coupling is None else jnp.asarray(coupling),
+        border=jnp.asarray(border),
+        corner=jnp.asarray(wide @ wide.T + 30 * np.eye(M)),
+        gradient_q=jnp.asarray(generator.normal(size=(T, JOINTS))),
+        gradient_m=jnp.asarray(generator.normal(size=M)),
+    )
+
+
+def written_out(system: BorderedSystem) -> np.ndarray:
+    """The matrix of the module's docstring, entry by entry, lower triangle first."""
+    T, D, M = np.shape(system.border)
+    H = np.zeros((T * D + M, T * D + M))
+    for t in range(T):
+        for i in range(D):
+            row = t * D + i
+            H[row, t * D : (t + 1) * D] = system.diagonal[t, i]
+            H[T * D :, row] = system.border[t, i]
+            for back in (1, 2):
+                if system.coupling is not None and t >= back:
+                    H[row, row - back * D] = system.coupling[back - 1, t, i]
+    H[T * D :, T * D :] = system.corner
+    return np.tril(H) + np.tril(H, -1).T
+
+
+@pytest.mark.parametrize(("phases", "steps"), [(1, 1), (6, 1), (1, 2), (2, 3), (6, 10)])
+@pytest.mark.parametrize("damping", [0.0, 0.7])
+def test_against_a_dense_solve(phases: int, steps: int, damping: float) -> None:
+    system = sample_system(phases, steps)
+    H = written_out(system)
+    assert np.linalg.eigvalsh(H).min() > 1e-3, "the sample is not positive definite"
+    dq, dm = jax.jit(solve_bordered)(system, damping)
+    ours = np.concatenate([np.ravel(dq), dm])
+    right = -np.concatenate([np.ravel(system.gradient_q), system.gradient_m])
+    expected = np.linalg.solve(H + damping * np.eye(len(H)), right)
+    np.testing.assert_allclose(ours, expected, rtol=1e-9, atol=1e-11)
+
+
+@pytest.mark.parametrize(("phases", "steps"), [(3, 1), (2, 3)])
+def test_dense_matrix(phases: int, steps: int) -> None:
+    system = sample_system(phases, steps)
+    np.testing.assert_array_equal(dense_matrix(system), written_out(system))
+
+
+@pytest.mark.parametrize("steps", [1, 4])
+def test_an_indefinite_matrix_gives_nan(steps: int) -> None:
+    system = sample_system(2, steps)
+    diagonal = system.diagonal.at[0].add(-1e3 * jnp.eye(JOINTS))
+    dq, dm = solve_bordered(system._replace(diagonal=diagonal), 0.0)
+    assert np.isnan(dm).any()
+    assert np.isnan(dq).any()
+    dq, _ = solve_bordered(system._replace(diagonal=diagonal), 2e3)
+    assert np.isfinite(dq).all()

@@ -1,0 +1,113 @@
+"""Forward kinematics, capsules and joint screws against MuJoCo C and MJX."""
+
+import jax
+import mujoco
+import numpy as np
+import pytest
+from arm_states import POSTURES, Floats, as_arms, matrices, sample_postures, set_postures, vectors
+
+from dvr_jax.robot.kinematics import base_pose, capsule_segments, hand_pose, joint_screws, link_poses, load_arm
+from dvr_jax.scene.mjcf import CAPSULE_NAMES, build_model, qpos_layout
+from dvr_jax.scene.scene import Goal, Region, SceneObject, make_scene
+from dvr_jax.scene.workspace import ARM_NAMES, JOINT_LOWER, JOINT_UPPER
+
+SCENE = make_scene([SceneObject("box", "box", (0.05, 0.1, 0.1), (0.0, 0.3), 0.3)], Goal("box", Region((0, 0), 0, (0.2, 0.2))))
+TIGHT = {"rtol": 0, "atol": 1e-12}
+
+
+@pytest.fixture(scope="module")
+def model() -> mujoco.MjModel:
+    return build_model(SCENE)
+
+
+class Forward:
+    """All forward quantities of the sampled postures, one compilation."""
+
+    def __init__(self) -> None:
+        self.q, self.openings = sample_postures()
+
+        def forward(q: Floats, openings: Floats) -> tuple[object, ...]:
+            R, p = link_poses(q)
+            return R, p, hand_pose(R, p), capsule_segments(R, p, openings), joint_screws(R, p)
+
+        R, p, hand, capsules, screws = jax.jit(forward)(as_arms(self.q), self.openings.T)
+        self.link_rotations = np.stack([matrices(r) for r in R])  # [8, 2, n, 3, 3]
+        self.link_positions = np.stack([vectors(x) for x in p])  # [8, 2, n, 3]
+        self.hand_rotations, self.hand_positions = matrices(hand[0]), vectors(hand[1])  # [2, n, ...]
+        self.starts, self.ends = vectors(capsules[0]), vectors(capsules[1])  # [2, C, n, 3]
+        self.screws = np.asarray(screws)  # [6, 2, 7, n]
+
+
+@pytest.fixture(scope="module")
+def forward() -> Forward:
+    return Forward()
+
+
+def test_joint_limits_are_the_makers() -> None:
+    np.testing.assert_array_equal(load_arm().joint_limits, [JOINT_LOWER, JOINT_UPPER])
+
+
+def test_link_poses(model: mujoco.MjModel, forward: Forward) -> None:
+    for n, data in enumerate(set_postures(model, forward.q, forward.openings)):
+        for arm, name in enumerate(ARM_NAMES):
+            np.testing.assert_allclose(base_pose(arm)[0], data.body(f"{name}/base").xmat.reshape(3, 3), **TIGHT)
+            np.testing.assert_allclose(base_pose(arm)[1], data.body(f"{name}/base").xpos, **TIGHT)
+            for link in range(8):
+                body = data.body(f"{name}/link{link}" if link else f"{name}/base")
+                np.testing.assert_allclose(forward.link_rotations[link, arm, n], body.xmat.reshape(3, 3), **TIGHT)
+                np.testing.assert_allclose(forward.link_positions[link, arm, n], body.xpos, **TIGHT)
+
+
+def test_hand_pose(model: mujoco.MjModel, forward: Forward) -> None:
+    for n, data in enumerate(set_postures(model, forward.q, forward.openings)):
+        for arm, name in enumerate(ARM_NAMES):
+            site = data.site(f"{name}/gripper")
+            np.testing.assert_allclose(forward.hand_rotations[arm, n], site.xmat.reshape(3, 3), **TIGHT)
+            np.testing.assert_allclose(forward.hand_positions[arm, n], site.xpos, **TIGHT)
+
+
+def test_capsules(model: mujoco.MjModel, forward: Forward) -> None:
+    """Ends and radii, fingers partly open, in the order of the model's capsules."""
+    assert tuple(f"{name}_collision" for name in load_arm().capsule_names) == CAPSULE_NAMES
+    for n, data in enumerate(set_postures(model, forward.q, forward.openings)):
+        for arm, name in enumerate(ARM_NAMES):
+            for c, capsule in enumerate(CAPSULE_NAMES):
+                geom = data.geom(f"{name}/{capsule}")
+                size = model.geom(f"{name}/{capsule}").size
+                axis = geom.xmat.reshape(3, 3)[:, 2] * size[1]
+                np.testing.assert_allclose(forward.starts[arm, c, n], geom.xpos - axis, **TIGHT)
+                np.testing.assert_allclose(forward.ends[arm, c, n], geom.xpos + axis, **TIGHT)
+                assert load_arm().capsule_radii[c] == size[0]
+
+
+def test_joint_screws(model: mujoco.MjModel, forward: Forward) -> None:
+    """A screw is the joint's column of `mj_jac` for the point of its link at the world's origin."""
+    origin = np.zeros(3)
+    for n, data in enumerate(set_postures(model, forward.q, forward.openings)):
+        for arm, name in enumerate(ARM_NAMES):
+            linear, angular = np.zeros((3, model.nv)), np.zeros((3, model.nv))
+            mujoco.mj_jac(model, data, linear, angular, origin, model.body(f"{name}/link7").id)
+            for joint in range(7):
+                dof = model.joint(f"{name}/joint{joint + 1}").dofadr[0]
+                expected = np.concatenate([angular[:, dof], linear[:, dof]])
+                np.testing.assert_allclose(forward.screws[:, arm, joint, n], expected, **TIGHT)
+
+
+def test_links_against_mjx(model: mujoco.MjModel, forward: Forward) -> None:
+    mjx = pytest.importorskip("mujoco.mjx", reason="mujoco-mjx is an extra of the tests")
+    device_model, data = mjx.put_model(model), mjx.make_data(model)
+
+    def kinematics(qpos: Floats) -> tuple[Floats, Floats]:
+        moved = mjx.kinematics(device_model, data.replace(qpos=qpos))
+        return moved.xpos, moved.xmat
+
+    layout = qpos_layout(len(SCENE.objects))
+    qpos = np.tile(model.key("home").qpos, (POSTURES, 1))
+    qpos[:, layout.arm_joints], qpos[:, layout.fingers] = forward.q, forward.openings[:, :, None]
+    positions, rotations = (np.asarray(x) for x in jax.jit(jax.vmap(kinematics))(qpos))
+    for arm, name in enumerate(ARM_NAMES):
+        for link in range(1, 8):
+            body = model.body(f"{name}/link{link}").id
+            np.testing.assert_allclose(forward.link_positions[link, arm], positions[:, body], **TIGHT)
+            rotation = rotations[:, body].reshape(-1, 3, 3)
+            np.testing.assert_allclose(forward.link_rotations[link, arm], rotation, **TIGHT)
