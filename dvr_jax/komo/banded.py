@@ -1,10 +1,10 @@
 """Linear solve with the structure of a path: block-banded in time, with a dense border of mode parameters.
 
-The matrix couples each slice with the two before it, through *diagonal* blocks only (accelerations and first differences act on
-each joint alone), and with the border:
+The matrix couples each slice with the one before it (distances are sampled between slices too), with the second before it through a
+*diagonal* block (accelerations act on each joint alone), and with the border:
 
-        [ A_0      B1_1     B2_2                 E_0 ]
-        [ B1_1     A_1      B1_2     B2_3        E_1 ]
+        [ A_0      B1_1^T   B2_2                 E_0 ]
+        [ B1_1     A_1      B1_2^T   B2_3        E_1 ]
     H = [ B2_2     B1_2     A_2      ...         ... ]
         [          B2_3     ...      A_{T-1}         ]
         [ E_0^T    E_1^T    ...                   C  ]
@@ -29,7 +29,9 @@ class BorderedSystem(NamedTuple):
     diagonal: Array
     """(T, D, D) blocks A_t."""
     coupling: Array | None
-    """(2, T, D) diagonals of B1_t (with slice t - 1) and B2_t (with slice t - 2); None: no coupling in time."""
+    """(T, D, D) blocks B1_t with slice t - 1; None: no coupling in time."""
+    far_coupling: Array | None
+    """(T, D) diagonals of B2_t with slice t - 2."""
     border: Array
     """(T, D, M) blocks E_t."""
     corner: Array
@@ -52,7 +54,7 @@ def solve_bordered(system: BorderedSystem, damping: Array) -> tuple[Array, Array
     T, D = system.gradient_q.shape
     A = system.diagonal + damping * jnp.eye(D, dtype=system.diagonal.dtype)
     right = jnp.concatenate([system.border, -system.gradient_q[..., None]], axis=-1)
-    if system.coupling is None:
+    if system.coupling is None or system.far_coupling is None:
         inverse = _inverse_factor(A)
         reduced = inverse @ right
         dm = _solve_corner(system, reduced, damping)
@@ -67,14 +69,14 @@ def solve_bordered(system: BorderedSystem, damping: Array) -> tuple[Array, Array
         inverse_1, inverse_2, L1_before, rows_1, rows_2 = carry
         A_t, B1, B2, right_t = block
         L2 = B2[:, None] * inverse_2.T
-        L1 = (jnp.diag(B1) - L2 @ L1_before.T) @ inverse_1.T
+        L1 = (B1 - L2 @ L1_before.T) @ inverse_1.T
         L21 = jnp.concatenate([L2, L1], axis=1)
         inverse = _inverse_factor(A_t - L21 @ L21.T)
         rows = inverse @ (right_t - L21 @ jnp.concatenate([rows_2, rows_1], axis=0))
         return (inverse, inverse_1, L1, rows, rows_1), (inverse, L21, rows)
 
     start = (zero, zero, zero, no_rows, no_rows)
-    _, (inverse, L21, reduced) = jax.lax.scan(forward, start, (A, system.coupling[0], system.coupling[1], right))
+    _, (inverse, L21, reduced) = jax.lax.scan(forward, start, (A, system.coupling, system.far_coupling, right))
     dm = _solve_corner(system, reduced, damping)
     y = reduced[..., -1] - reduced[..., :-1] @ dm
 
@@ -111,8 +113,8 @@ def dense_matrix(system: BorderedSystem) -> Array:
         H = H.at[rows, rows].set(system.diagonal[t])
         H = H.at[rows, T * D :].set(system.border[t]).at[T * D :, rows].set(system.border[t].T)
         for back in (1, 2):
-            if system.coupling is not None and t >= back:
+            if system.coupling is not None and system.far_coupling is not None and t >= back:
                 columns = slice((t - back) * D, (t - back + 1) * D)
-                block = jnp.diag(system.coupling[back - 1, t])
-                H = H.at[rows, columns].set(block).at[columns, rows].set(block)
+                block = system.coupling[t] if back == 1 else jnp.diag(system.far_coupling[t])
+                H = H.at[rows, columns].set(block).at[columns, rows].set(block.T)
     return H.at[T * D :, T * D :].set(system.corner)

@@ -20,15 +20,25 @@ from dvr_jax.komo.problem import Problem, Variables
 from dvr_jax.robot.kinematics import capsule_segments, hand_pose, joint_screws, link_poses
 
 
+PATH_SAMPLES = 3
+"""Samples of a slice at which a path's distances are taken: at the slice and evenly between it and the one before, on a straight line
+in joint space. With the slices alone a finger hops over an object's edge between two of them."""
+
+
+def samples_of(T: int, K: int) -> int:
+    """Samples of a slice: 1 for keyframes, which nothing connects."""
+    return PATH_SAMPLES if T > K else 1
+
+
 class Jacobians(NamedTuple):
-    """Derivatives of the rows; see `Rows`."""
+    """Derivatives of the rows with respect to the joint angles *at the sample* and the mode parameters; see `Rows`."""
 
     arm_q: Array
-    """(B, T, 14, Pa) of the arm rows' distances."""
+    """(B, T', 14, Pa) of the arm rows' distances."""
     object_q: Array
-    """(B, T, 14, Po) of the object rows' distances."""
+    """(B, T', 14, Po) of the object rows' distances."""
     object_m: Array
-    """(B, T, 4 N, Po) of the object rows' distances with respect to the mode parameters that each object depends on."""
+    """(B, T', 4 N, Po) of the object rows' distances with respect to the mode parameters that each object depends on."""
     switch_q: Array
     """(B, K, 6, 14)."""
     switch_m: Array
@@ -41,7 +51,8 @@ class Rows(NamedTuple):
     """Constraint residuals of B problems."""
 
     distance: Array
-    """(B, T, P) signed distances [m], feasible where >= 0: arm rows, then object rows (`dvr_jax.komo.contacts`)."""
+    """(B, T', P) signed distances [m] at T' = T M samples, M of each slice, feasible where >= 0: arm rows, then object rows
+    (`dvr_jax.komo.contacts`)."""
     switch: Array
     """(B, K, 6) pose of the switched object under the old mode minus that under the new: position [m], twice the
     quaternion's vector part (the rotation vector [rad] to third order)."""
@@ -57,12 +68,12 @@ def _phases_to_slices(value: Array, T: int) -> Array:
     return jnp.repeat(value.transpose(2, 0, 1), T // K, axis=2).reshape(N, B * T)
 
 
-def _openings(problem: Problem, T: int) -> Array:
-    """Finger openings of both arms in each slice, ``(2, B T)``: at a switch the wider of before and after it, so that fingers that
+def _openings(problem: Problem, T: int, M: int) -> Array:
+    """Finger openings of both arms at each of T samples, ``(2, B T)``: in the M samples of a switch's slice the wider of before and after it, so that fingers that
     open as they let go find room."""
     B, K, _ = problem.resting.shape
     before, after = problem.opening[:, :-1], problem.opening[:, 1:]
-    switching = jnp.arange(T).reshape(K, T // K) % (T // K) == T // K - 1
+    switching = jnp.arange(T).reshape(K, T // K) % (T // K) >= T // K - M
     opening = jnp.where(switching[None, :, :, None], jnp.maximum(before, after)[:, :, None], before[:, :, None])
     return opening.reshape(B * T, 2).T
 
@@ -86,14 +97,25 @@ def _attach(problem: Problem, m: Array, kind: Array, by: Array, of: Array | None
     )
 
 
+def sample_path(problem: Problem, q: Array, samples: int) -> Array:
+    """Joint angles (B, T', 14) at the samples of the slices (B, T, 14)."""
+    if samples == 1:
+        return q
+    before = jnp.concatenate([problem.home[:, None], q[:, :-1]], axis=1)
+    share = jnp.arange(1, samples + 1, dtype=q.dtype)[:, None] / samples
+    return (before[:, :, None] + share * (q - before)[:, :, None]).reshape(q.shape[0], -1, q.shape[2])
+
+
 def evaluate(problem: Problem, x: Variables) -> tuple[Rows, Jacobians]:
     """All rows of B problems at ``x`` (every leaf has a leading axis B). Jacobians that are not used cost nothing under jit."""
     B, T = x.q.shape[:2]
     K, N = x.m.shape[1], problem.half.shape[1]
+    M = samples_of(T, K)
+    T = T * M
     L = B * T
-    q = jnp.moveaxis(x.q.reshape(L, 2, 7), (0, 1, 2), (2, 1, 0))
+    q = jnp.moveaxis(sample_path(problem, x.q, M).reshape(L, 2, 7), (0, 1, 2), (2, 1, 0))
     rotations, positions = link_poses(q)
-    a, b = materialize(capsule_segments(rotations, positions, _openings(problem, T)))
+    a, b = materialize(capsule_segments(rotations, positions, _openings(problem, T, M)))
     hand_R, hand_p = materialize(hand_pose(rotations, positions))
     screws = materialize(joint_screws(rotations, positions)).reshape(6, 14, L)
 

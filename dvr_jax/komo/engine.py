@@ -30,6 +30,11 @@ PATH_LANES = (1,)
 CHUNK = 10
 """Iterations between two looks at which lanes have ended."""
 
+NEAR_SWITCH = 0.3
+"""Share of a phase next to a switch in which the path is drawn to its start."""
+NEAR_ATTRACTION, FAR_ATTRACTION = 0.3, 1e-2
+"""Weights of that pull there and elsewhere [1/rad^2]."""
+
 CLEARANCE = 0.08
 """How far a gripper's clear pose is from its switch [m]."""
 
@@ -194,6 +199,22 @@ def path_start(problem: Problem, keyframes: Variables, steps: int = STEPS_PER_PH
         curve = PchipInterpolator([0.0, 0.25, 0.75, 1.0], knots, axis=0)
         q[k] = curve(tau * tau * (3 - 2 * tau))
     return Variables(q.reshape(K * steps, -1), keyframes.m)
+
+
+def path_problem(problem: Problem, start: Variables) -> Problem:
+    """The path NLP of a sequence from its keyframe NLP: drawn to its start, and more so close to a switch, for the arms that take part.
+
+    Without it the shortest motion sweeps sideways into a grasp, and hops over the object's edge between two slices.
+    """
+    T, K = len(start.q), len(problem.is_grasp)
+    S = T // K
+    near = int(round(NEAR_SWITCH * S))
+    attraction = np.full(start.q.shape, FAR_ATTRACTION)
+    for k, resting in enumerate(problem.resting):
+        weight = np.where(np.repeat(resting, 7) > 0, NEAR_ATTRACTION, FAR_ATTRACTION)
+        part = slice((k + 1) * S - 1 - near, (k + 1) * S + near)
+        attraction[part] = np.maximum(attraction[part], weight)
+    return problem._replace(reference=start.q, attraction=attraction * (STEPS_PER_PHASE / S))
 
 
 def _clear_postures(problem: Problem, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -16,7 +16,7 @@ import numpy as np
 from jax import Array
 
 from dvr_jax.komo.banded import BorderedSystem
-from dvr_jax.komo.constraints import Jacobians, Rows
+from dvr_jax.komo.constraints import Jacobians, Rows, samples_of
 from dvr_jax.komo.problem import PARAMETERS, Problem, Variables
 from dvr_jax.komo.verdict import rest_steps
 from dvr_jax.robot.kinematics import load_arm
@@ -27,8 +27,6 @@ class Weights(NamedTuple):
 
     acceleration: float = 1.0
     """Cost of a squared second difference [1/rad^2]; paths only."""
-    home: float = 1e-2
-    """Cost of a squared distance of a joint from the home posture [1/rad^2], summed over slices."""
     distance: float = 1.0
     position: float = 1.0
     rotation: float = 0.1
@@ -41,7 +39,7 @@ class Multipliers(NamedTuple):
     """Lagrange multipliers of all constraint rows."""
 
     distance: Array
-    """(T, P)."""
+    """(T', P), at the samples of the slices."""
     switch: Array
     """(K, 6)."""
     rest: Array
@@ -143,8 +141,7 @@ def augmented_value(
 ) -> Array:
     """The augmented Lagrangian at ``x`` with constraint rows ``c``."""
     _, _, value = _forces(multipliers, c, p)
-    pull = x.q - problem.home
-    value += 0.5 * weights.home * jnp.sum(pull * pull)
+    value += 0.5 * jnp.sum(problem.attraction * (x.q - problem.reference) ** 2)
     if x.q.shape[0] > x.m.shape[0]:
         value += 0.5 * weights.acceleration * jnp.sum(accelerations(problem, x.q) ** 2)
     return value
@@ -163,18 +160,46 @@ def gauss_newton_system(
     of_arm, of_object = curvature.distance[:, None, :rows], curvature.distance[:, None, rows:]
     force_arm, force_object = force.distance[:, :rows], force.distance[:, rows:]
     weighted = J.object_q * of_object
-    A = jnp.einsum("tip,tjp->tij", J.arm_q * of_arm, J.arm_q) + jnp.einsum("tip,tjp->tij", weighted, J.object_q)
-    E_local = jnp.einsum("tip,tjp->tij", weighted, J.object_m)
-    C_local = jnp.einsum("tip,tjp->tij", J.object_m * of_object, J.object_m)
-    gradient_q = -jnp.einsum("tip,tp->ti", J.arm_q, force_arm) - jnp.einsum("tip,tp->ti", J.object_q, force_object)
-    g_local = -jnp.einsum("tip,tp->ti", J.object_m, force_object)
+    A_sample = jnp.einsum("tip,tjp->tij", J.arm_q * of_arm, J.arm_q) + jnp.einsum("tip,tjp->tij", weighted, J.object_q)
+    E_sample = jnp.einsum("tip,tjp->tij", weighted, J.object_m)
+    C_sample = jnp.einsum("tip,tjp->tij", J.object_m * of_object, J.object_m)
+    g_sample = -jnp.einsum("tip,tp->ti", J.arm_q, force_arm) - jnp.einsum("tip,tp->ti", J.object_q, force_object)
+    gm_sample = -jnp.einsum("tip,tp->ti", J.object_m, force_object)
+
+    # A sample between two slices depends on both: on slice t by its share s, on slice t - 1 by 1 - s.
+    M = samples_of(T, K)
+    share = jnp.arange(1, M + 1, dtype=dtype) / M
+
+    def onto(weights: Array, value: Array) -> Array:
+        """Weighted sum of the M samples of each slice."""
+        return jnp.einsum("m,tm...->t...", weights, value.reshape(T, M, *value.shape[1:]))
+
+    def shifted(value: Array) -> Array:
+        """Values of slice t + 1 at slice t; what falls on the home posture before the first slice is dropped."""
+        return jnp.concatenate([value[1:], jnp.zeros_like(value[:1])])
+
+    A = onto(share**2, A_sample)
+    gradient_q = onto(share, g_sample)
+    E_own = onto(share, E_sample)
+    mixed = None
+    if M > 1:
+        A += shifted(onto((1 - share) ** 2, A_sample))
+        mixed = onto(share * (1 - share), A_sample)
+        gradient_q += shifted(onto(1 - share, g_sample))
 
     # Each object's local parameter columns belong to the action that it is attached by: scatter with one-hot matrices, per phase.
     belongs = jnp.asarray(problem.attached_by[:-1, :, None] == jnp.arange(K), dtype)
-    E = jnp.einsum("ksicn,knl->ksilc", E_local.reshape(K, S, -1, PARAMETERS, N), belongs)
-    C_phase = C_local.reshape(K, S, PARAMETERS, N, PARAMETERS, N).sum(1)
+
+    def to_actions(value: Array) -> Array:
+        local = value.reshape(K, S, -1, PARAMETERS, N)
+        return jnp.einsum("ksicn,knl->ksilc", local, belongs).reshape(T, -1, K * PARAMETERS)
+
+    E = to_actions(E_own)
+    if M > 1:
+        E += shifted(to_actions(onto(1 - share, E_sample)))
+    C_phase = C_sample.reshape(K, S * M, PARAMETERS, N, PARAMETERS, N).sum(1)
     C = jnp.einsum("kcndo,knl,koj->lcjd", C_phase, belongs, belongs)
-    gradient_m = jnp.einsum("kcn,knl->lc", g_local.reshape(K, S, PARAMETERS, N).sum(1), belongs)
+    gradient_m = jnp.einsum("kcn,knl->lc", gm_sample.reshape(K, S * M, PARAMETERS, N).sum(1), belongs)
 
     # Mode switches: six rows each, on the last slice of their phase.
     own = jnp.stack([_take(problem.attached_by[:-1], problem), _take(problem.attached_by[1:], problem)], axis=1)
@@ -184,23 +209,22 @@ def gauss_newton_system(
     weighted_q, weighted_m = Sq * curvature.switch[..., None], Sm * curvature.switch[..., None]
     last = slice(S - 1, None, S)
     A = A.at[last].add(jnp.einsum("kri,krj->kij", weighted_q, Sq))
-    E = E.reshape(T, -1, K * PARAMETERS).at[last].add(jnp.einsum("kri,krj->kij", weighted_q, Sm))
+    E = E.at[last].add(jnp.einsum("kri,krj->kij", weighted_q, Sm))
     C = C.reshape(K * PARAMETERS, -1) + jnp.einsum("kri,krj->ij", weighted_m, Sm)
     gradient_q = gradient_q.at[last].add(jnp.einsum("kri,kr->ki", Sq, force.switch))
     gradient_m = gradient_m.reshape(-1) + jnp.einsum("kri,kr->i", Sm, force.switch)
 
-    # Bounds and footprints of the mode parameters; joint limits; the pull to the home posture.
+    # Bounds and footprints of the mode parameters; joint limits; the pull to the reference.
     Fm = J.footprint_m
     block = jnp.einsum("kri,krj,kr->kij", Fm, Fm, curvature.footprint)
     block += jnp.eye(PARAMETERS, dtype=dtype) * (curvature.bound[0] + curvature.bound[1])[:, None]
     C += jnp.einsum("kij,kl->kilj", block, jnp.eye(K, dtype=dtype)).reshape(C.shape)
     gradient_m += (force.bound[1] - force.bound[0] + jnp.einsum("kri,kr->ki", Fm, force.footprint)).reshape(-1)
-    pull = x.q - problem.home
-    diagonal = curvature.limit[0] + curvature.limit[1] + weights.home
-    gradient_q += force.limit[1] - force.limit[0] + weights.home * pull
+    diagonal = curvature.limit[0] + curvature.limit[1] + problem.attraction
+    gradient_q += force.limit[1] - force.limit[0] + problem.attraction * (x.q - problem.reference)
 
-    coupling = None
-    if S > 1:
+    coupling = far_coupling = None
+    if mixed is not None:
         r = accelerations(problem, x.q)
         ahead = jnp.concatenate([r, jnp.zeros((2, r.shape[1]), dtype)])
         gradient_q += weights.acceleration * (r - 2 * ahead[1:-1] + ahead[2:])
@@ -210,14 +234,17 @@ def gauss_newton_system(
         before = jnp.concatenate([rest[1:], jnp.zeros((1, 14), dtype)])
         diagonal += own_weight + rest + before
         gradient_q += rest_force - jnp.concatenate([rest_force[1:], jnp.zeros((1, 14), dtype)])
-        coupling = jnp.stack([couple_1 - rest, jnp.broadcast_to(couple_2, rest.shape)])
+        # B1 of slice 0 would couple it with the home posture, which is no variable.
+        inside = (jnp.arange(T) > 0).astype(dtype)[:, None, None]
+        coupling = inside * (mixed + jnp.eye(14, dtype=dtype) * (couple_1 - rest)[:, None])
+        far_coupling = jnp.broadcast_to(couple_2, rest.shape)
     A += jnp.eye(14, dtype=dtype) * diagonal[:, None]
 
     # Pinned parameters take no part: unit rows.
     free = (problem.upper > problem.lower).reshape(-1).astype(dtype)
     E *= free
     C = C * free * free[:, None] + jnp.diag(1 - free)
-    return BorderedSystem(A, coupling, E, C, gradient_q, gradient_m * free)
+    return BorderedSystem(A, coupling, far_coupling, E, C, gradient_q, gradient_m * free)
 
 
 def _take(attached_by: Array, problem: Problem) -> Array:

@@ -41,6 +41,10 @@ class Problem(NamedTuple):
     """(N, 4) initial x, y, z [m] of the objects' centres and their yaw [rad]."""
     home: Array
     """(14,) home posture of both arms [rad]; the path starts there at rest."""
+    reference: Array
+    """(T, 14) posture that each slice is drawn to [rad]: home for keyframes, the start for a path."""
+    attraction: Array
+    """(T, 14) weight of the squared distance from it [1/rad^2]; a cost, so it never decides feasibility."""
     attachment: Array
     """(K + 1, N) int: how each object is attached in phase k; row K is the state after the last action."""
     attached_by: Array

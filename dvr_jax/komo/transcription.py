@@ -20,6 +20,9 @@ from dvr_jax.scene.workspace import FINGER_OPEN, MAXIMUM_OPENING, TABLE_HALF_EXT
 GRASP_MARGIN = 0.01
 """How far inside the object the gripper's centre stays [m]."""
 
+ATTRACTION = 1e-2
+"""Weight of the pull of keyframes to the home posture [1/rad^2]."""
+
 PITCH_LIMIT = 2.2
 """Largest tilt of the approach from straight down, either way [rad]: past the horizontal, as handovers need."""
 
@@ -70,7 +73,9 @@ def _grasp_room(item: SceneObject, face: str) -> tuple[float, float]:
     """Half ranges of the gripper's centre along the face's tangent and along the object's axis [m]."""
     half = item.half_extents
     tangent = half[1] if FACES.index(face) % 2 == 0 else half[0]
-    return tangent - GRASP_MARGIN, half[2] - GRASP_MARGIN
+    # A radial closing axis passes through a cylinder's own: no room beside it.
+    along = 0.0 if item.shape == "cylinder" else tangent - GRASP_MARGIN
+    return min(along, tangent - GRASP_MARGIN), half[2] - GRASP_MARGIN
 
 
 def _transcribe_grasp(draft: _Draft, action: Action) -> None:
@@ -132,7 +137,7 @@ def _switch(draft: _Draft, n: int, attachment: int, resting: list[float]) -> Non
 
 
 def transcribe(scene: Scene, actions: Sequence[Action], ignored: Sequence[str] = ()) -> Problem:
-    """The NLP of a sequence as NumPy arrays (no batch axes).
+    """The keyframe NLP of a sequence as NumPy arrays (no batch axes).
 
     Args:
         actions: applicable one after the other (the logic sees to that); they need not reach the goal.
@@ -157,6 +162,8 @@ def transcribe(scene: Scene, actions: Sequence[Action], ignored: Sequence[str] =
         half=floats(half),
         initial_pose=floats([(*item.center, item.yaw) for item in scene.objects]),
         home=floats(scene.home).reshape(-1),
+        reference=np.tile(floats(scene.home).reshape(-1), (len(actions), 1)),
+        attraction=np.full((len(actions), 14), ATTRACTION),
         attachment=np.array(draft.attachment, np.int32),
         attached_by=np.array(draft.attached_by, np.int32),
         switched_object=np.array(draft.switched, np.int32),

@@ -21,6 +21,7 @@ from dvr_jax.komo.engine import (
     empty_prefix,
     extend_prefixes,
     keyframe_start,
+    path_problem,
     path_start,
     refined_start,
     solve,
@@ -195,13 +196,14 @@ class SequenceTree:
         keyframes = keyframe_start(node.particles, rank, node.depth)
         start = path_start(node.problem, keyframes)
         self.counts.nlps["path"] += 1
-        return solve([node.problem], [start], self.settings)[0]
+        return solve([path_problem(node.problem, start)], [start], self.settings)[0]
 
     def refine_path(self, node: Node, path: Solved) -> Solved:
         """The same path solved again with twice the slices, from a solution that is wrong between its slices."""
         assert node.problem is not None
         self.counts.nlps["refined path"] += 1
-        return solve([node.problem], [refined_start(node.problem, path)], self.settings)[0]
+        start = refined_start(node.problem, path)
+        return solve([path_problem(node.problem, start)], [start], self.settings)[0]
 
 
 def _object_of(action: Action) -> str:

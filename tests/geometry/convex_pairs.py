@@ -79,8 +79,10 @@ GEOM = {
 
 
 def mujoco_distances(first: Bodies, second: Bodies | None) -> tuple[Floats, Floats]:
-    """``mj_geomDistance`` (n,) of each pair (of each body and the plane z = 0 where there is no second), and the unit normals (n, 3)
-    from the second body to the first."""
+    """``mj_geomDistance`` (n,) of each pair, and the unit normals (n, 3) from the second body to the first.
+
+    Where there is no second, it is the plane z = 0.
+    """
     spec = mujoco.MjSpec()
     # The defaults (1e-6 m, 35 iterations) are looser than what is tested here.
     spec.option.ccd_tolerance, spec.option.ccd_iterations = 1e-12, 500
@@ -116,7 +118,7 @@ def point_distance(x: Floats, kind: str, size: Floats) -> Floats:
 
 
 def deepest_of_axis(capsules: Bodies, prisms: Bodies, samples: int = 801) -> Floats:
-    """Least signed distance (n,) of a point of each capsule's segment to its prism: sampled, then minimised between neighbours."""
+    """Least signed distance (n,) of each capsule's segment to its prism: sampled, then minimised between neighbours."""
     start, end = capsules.ends
     best = np.zeros(len(start))
     for i, (a, b, R, p, size) in enumerate(zip(start, end, prisms.rotation, prisms.center, prisms.size, strict=True)):

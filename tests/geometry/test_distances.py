@@ -18,11 +18,12 @@ CONVERGED_ROUNDS = 12
 TOO_FEW_ROUNDS = pytest.mark.xfail(
     strict=True,
     raises=AssertionError,
-    reason="capsule_prism's default of three rounds ends before its bracket closes: up to 4 mm too large while the axis is outside",
+    reason="capsule_prism's three rounds end before its bracket closes: up to 4 mm too large while the axis is outside",
 )
 
 ROUNDS = pytest.mark.parametrize(
-    "rounds", [pytest.param({}, id="default", marks=TOO_FEW_ROUNDS), pytest.param({"rounds": CONVERGED_ROUNDS}, id="12")]
+    "rounds",
+    [pytest.param({}, id="default", marks=TOO_FEW_ROUNDS), pytest.param({"rounds": CONVERGED_ROUNDS}, id="12")],
 )
 
 KINDS = pytest.mark.parametrize("kind", ["box", "cylinder"])
@@ -92,7 +93,7 @@ def test_capsule_prism_with_the_axis_outside(kind: str, rounds: dict[str, int]) 
 
 @KINDS
 def test_capsule_prism_never_understates_the_distance(kind: str) -> None:
-    """However few the rounds, the distance is that of *some* point of the axis: at least the true one, at most millimetres above it."""
+    """However few the rounds, the distance is that of *some* point of the axis: at most millimetres too large."""
     capsules, prisms, reference = axis_outside(kind)
     error = distances(capsule_prism, capsules, prisms) - reference
     assert error.min() > -ABSOLUTE
@@ -101,9 +102,15 @@ def test_capsule_prism_never_understates_the_distance(kind: str) -> None:
 
 @KINDS
 def test_capsule_prism_with_the_axis_inside(kind: str) -> None:
-    """The depth is that of the axis' deepest point. (Not compared with MuJoCo: for capsules whose axis enters a box
-    `mj_geomDistance` 4.0.0 reports up to 9 cm less than the depth of a single ball of the capsule, which is a lower bound.)"""
-    capsules, prisms = sample_bodies("capsule", PAIRS // 2, 7, spread=0.06), sample_bodies(kind, PAIRS // 2, 8, spread=0.06)
+    """The depth is that of the axis' deepest point.
+
+    Not compared with MuJoCo: for capsules whose axis enters a box `mj_geomDistance` 4.0.0 reports up to 9 cm less than
+    the depth of a single ball of the capsule, which is a lower bound.
+    """
+    capsules, prisms = (
+        sample_bodies("capsule", PAIRS // 2, 7, spread=0.06),
+        sample_bodies(kind, PAIRS // 2, 8, spread=0.06),
+    )
     deepest = deepest_of_axis(capsules, prisms)
     inside = deepest < 0
     require(inside.sum() > 150)
@@ -112,7 +119,10 @@ def test_capsule_prism_with_the_axis_inside(kind: str) -> None:
 
 
 def test_depth_of_the_axis_is_a_lower_bound() -> None:
-    capsules, prisms = sample_bodies("capsule", PAIRS // 2, 7, spread=0.06), sample_bodies("cylinder", PAIRS // 2, 8, spread=0.06)
+    capsules, prisms = (
+        sample_bodies("capsule", PAIRS // 2, 7, spread=0.06),
+        sample_bodies("cylinder", PAIRS // 2, 8, spread=0.06),
+    )
     reference, _ = mujoco_distances(capsules, prisms)
     ours = distances(partial(capsule_prism, rounds=20), capsules, prisms)
     assert (reference <= ours + 1e-8).all()
@@ -180,8 +190,8 @@ def test_upright_cylinders_are_exact_beside_and_above_each_other() -> None:
 @pytest.mark.xfail(
     strict=True,
     raises=AssertionError,
-    reason="bodies whose centres are level and that overlap have separation 0: Gilbert's v is then exactly zero, normalize(v) is no unit "
-    "vector, and its value of 0 wins over the true, negative separation",
+    reason="overlapping bodies with level centres have separation 0: Gilbert's v is then exactly zero, normalize(v) is "
+    "no unit vector, and its value of 0 wins over the true, negative separation",
 )
 @pytest.mark.parametrize("kind", ["box", "cylinder"])
 def test_bodies_on_one_level_are_exact(kind: str) -> None:
@@ -222,7 +232,7 @@ def test_prism_prism_has_the_sign_of_the_distance(a: str, b: str) -> None:
 
 @PRISMS
 def test_prism_prism_seldom_misses_a_gap(a: str, b: str) -> None:
-    """Of separate pairs fewer than 1 % are said to touch (none of two boxes), and half are within 1 % of their distance."""
+    """Of separate pairs fewer than 1 % are said to touch, and half are within 1 % of their distance."""
     *_, reference, _, ours = prism_case(a, b)
     apart = reference > 0
     assert (ours[apart] < 0).mean() < 0.01

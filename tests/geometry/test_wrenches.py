@@ -19,7 +19,7 @@ KINDS = pytest.mark.parametrize("kind", ["box", "cylinder"])
 
 
 def assert_wrench_is_derivative(function: Callable[..., object], *bodies: Bodies) -> None:
-    """``d(distance)/dt = w . (V1 - V2)`` for unit twists of either body, wherever the step's half gives the same quotient."""
+    """``d(distance)/dt = w . (V1 - V2)`` for unit twists of either body, wherever half the step gives the same."""
     compiled = jax.jit(function)
 
     def evaluate(*moved: Bodies) -> tuple[Floats, Floats]:
@@ -72,7 +72,7 @@ def test_prism_plane(kind: str) -> None:
             marks=pytest.mark.xfail(
                 strict=True,
                 raises=AssertionError,
-                reason="three rounds leave the contact at a point of the axis that is not the nearest: forces wrong by up to 0.5 of 1",
+                reason="three rounds leave the contact beside the nearest point: forces wrong by up to 0.5 of 1",
             ),
         ),
         pytest.param({"rounds": 12}, id="12"),
@@ -118,8 +118,8 @@ def test_boxes_in_penetration() -> None:
 @pytest.mark.xfail(
     strict=True,
     raises=AssertionError,
-    reason="where Gilbert's iteration gave the axis, the contact point is a support point of B: wrong where an edge or the curved side of B "
-    "is nearest, and the axis' own motion is left out",
+    reason="where Gilbert's iteration gave the axis, the contact is a support point of B: wrong where an edge or the "
+    "curved side of B is nearest, and the axis' own motion is left out",
 )
 @pytest.mark.parametrize(("a", "b"), COMBINATIONS)
 def test_prism_prism_past_corners(a: str, b: str) -> None:

@@ -58,3 +58,9 @@ def path() -> Evaluated:
 @pytest.fixture(params=["keyframes", "path"])
 def evaluated(request: pytest.FixtureRequest) -> Evaluated:
     return request.getfixturevalue(request.param)
+
+
+@pytest.fixture(params=[(1, 4, 2), (3, 2, 3)], ids=["keyframes", "path"])
+def level(request: pytest.FixtureRequest) -> Evaluated:
+    """Held objects nearly upright: faces of two objects face each other. Same shapes as the cases above."""
+    return Evaluated(make_case(*request.param, level=True))

@@ -1,4 +1,4 @@
-"""Scenes, skeletons and points for the tests of the NLP, and object poses worked out from the definition of the mode parameters."""
+"""Scene, skeletons and points for the tests of the NLP, and object poses from the definition of the mode parameters."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,6 +15,8 @@ from dvr_jax.robot.kinematics import load_arm
 from dvr_jax.scene.scene import Goal, Region, SceneObject, make_scene
 
 Floats = NDArray[np.float64]
+Hands = Sequence[tuple[Floats, Floats]]
+"""Rotation and position of the left and the right gripper."""
 
 SCENE = make_scene(
     [
@@ -36,11 +38,26 @@ def place(arm: str, item: str, support: str) -> Action:
 
 SKELETONS = (
     # Handover of a box, then its arm is free again while the other one grasps.
-    (grasp("left", "+x", "yellow"), grasp("right", "+y", "yellow"), place("right", "yellow", "goal"), grasp("left", "-x", "can")),
+    (
+        grasp("left", "+x", "yellow"),
+        grasp("right", "+y", "yellow"),
+        place("right", "yellow", "goal"),
+        grasp("left", "-x", "can"),
+    ),
     # A cylinder placed and grasped where it was placed.
-    (grasp("right", "+x", "can"), place("right", "can", "table"), grasp("left", "-y", "can"), place("left", "can", "goal")),
+    (
+        grasp("right", "+x", "can"),
+        place("right", "can", "table"),
+        grasp("left", "-y", "can"),
+        place("left", "can", "goal"),
+    ),
     # Both arms hold; then a cylinder is handed over.
-    (grasp("left", "+y", "green"), grasp("right", "+x", "can"), place("left", "green", "goal"), grasp("left", "-x", "can")),
+    (
+        grasp("left", "+y", "green"),
+        grasp("right", "+x", "can"),
+        place("left", "green", "goal"),
+        grasp("left", "-x", "can"),
+    ),
 )
 
 
@@ -65,31 +82,39 @@ def stack(problems: Sequence[Problem]) -> Problem:
     return jax.tree.map(lambda *leaves: np.stack(leaves), *problems)
 
 
-def make_case(steps: int, repeats: int, seed: int, noise: float = 0.25) -> Case:
-    """All skeletons, each at ``repeats`` random points: joints near home, mode parameters within their bounds or on the table."""
+def make_case(steps: int, repeats: int, seed: int, level: bool = False) -> Case:
+    """All skeletons, each at ``repeats`` random points: joints near home, parameters within bounds or on the table.
+
+    ``level``: the hands turn about their vertical axes and hardly tilt, with the standing objects below them, so that
+    faces of held and of standing objects face each other.
+    """
     problems = stack([transcribe(SCENE, skeleton) for skeleton in SKELETONS] * repeats)
     generator = np.random.default_rng(seed)
     B, K = problems.switched_object.shape
+    if level:
+        below = np.array([[-0.25, 0.0], [0.25, 0.0], [-0.25, 0.0]])
+        problems.initial_pose[..., :2] = below + generator.normal(size=(B, 3, 2)) * 0.05
     limits = np.tile(load_arm().joint_limits, 2)
+    noise = np.tile([0.6, 0.03, 0.03, 0.03, 0.03, 0.03, 0.6], 2) if level else 0.25
     q = problems.home[:, None] + generator.normal(size=(B, K * steps, 14)) * noise
     q = np.clip(q, limits[0], limits[1])
     bounded = problems.upper < 100
     lower = np.where(bounded, problems.lower, [-0.4, -0.4, -2.0, -2.0])
     upper = np.where(bounded, problems.upper, [0.4, 0.4, 2.0, 2.0])
     # Approaches up to 1 rad from straight down.
+    tilt = 0.03 if level else 1.0
     grasping = problems.is_grasp[..., None] > 0
     pitch = np.arange(4) == 2
-    lower, upper = (np.where(grasping & pitch, np.clip(v, -1, 1), v) for v in (lower, upper))
-    return Case(problems, Variables(q, generator.uniform(lower, upper)), steps)
+    lower, upper = (np.where(grasping & pitch, np.clip(v, -tilt, tilt), v) for v in (lower, upper))
+    x = Variables(q, generator.uniform(lower, upper))
+    # A pull of its own to a posture of its own in every slice and joint, so that none can be taken for another.
+    reference = problems.home[:, None] + generator.normal(size=q.shape) * 0.2
+    problems = problems._replace(reference=reference, attraction=generator.uniform(0.1, 0.5, q.shape))
+    return Case(problems, x, steps)
 
 
-def object_pose(case: Case, b: int, t: int, n: int, hands: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, Floats]:
-    """World pose of object n of problem b in slice t, given both grippers' poses, by the definition of the mode parameters."""
-    return pose_in_mode(case, b, case.phase(t), n, hands)
-
-
-def pose_in_mode(case: Case, b: int, phase: int, n: int, hands: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, Floats]:
-    """World pose of object n as it is attached in a phase."""
+def pose_in_mode(case: Case, b: int, phase: int, n: int, hands: Hands) -> tuple[Floats, Floats]:
+    """World pose of object n of problem b as it is attached in a phase, given both grippers' poses."""
     kind = case.problems.attachment[b, phase, n]
     by = case.problems.attached_by[b, phase, n]
     m = np.asarray(case.x.m[b, by])
@@ -98,7 +123,7 @@ def pose_in_mode(case: Case, b: int, phase: int, n: int, hands: Sequence[tuple[F
         return Rotation.from_euler("z", yaw).as_matrix(), np.array([x, y, z])
     if kind == PLACED:
         return Rotation.from_euler("z", m[2]).as_matrix(), np.array([m[0], m[1], case.problems.half[b, n, 2]])
-    # The gripper in the object's frame: at yaw 0 and pitch 0 it points straight down (z), closes along +x (y), so its x is -y.
+    # In the object's frame, at yaw 0 and pitch 0, the gripper points straight down (its z) and closes along +x (its y).
     face = Rotation.from_euler("z", case.problems.face_yaw[b, by] + m[3])
     down = Rotation.from_matrix(np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1.0]]))
     # Pitch turns the approach about the closing axis, toward the tangent z x n.

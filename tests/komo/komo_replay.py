@@ -4,7 +4,7 @@ from itertools import combinations, product
 
 import mujoco
 import numpy as np
-from komo_cases import SCENE, Case, Floats, object_pose
+from komo_cases import SCENE, Case, Floats, pose_in_mode
 from scipy.spatial.transform import Rotation
 
 from dvr_jax.komo.contacts import _CROSS_PAIRS, _SELF_PAIRS, _TABLE
@@ -50,14 +50,19 @@ class Replay:
         sites = [self.data.site(f"{arm}/gripper") for arm in ARM_NAMES]
         return [(site.xmat.reshape(3, 3).copy(), site.xpos.copy()) for site in sites]
 
+    def openings(self, b: int, t: int) -> Floats:
+        """Of a phase; at its switch the wider of before and after, as `dvr_jax.komo.constraints` has it."""
+        before, after = self.case.problems.opening[b, self.case.phase(t) : self.case.phase(t) + 2]
+        return np.maximum(before, after) if (t + 1) % self.case.steps == 0 else before
+
     def go(self, b: int, t: int) -> None:
         case, qpos = self.case, self.data.qpos
         qpos[self.layout.arm_joints] = case.x.q[b, t].reshape(2, 7)
-        qpos[self.layout.fingers] = case.problems.opening[b, case.phase(t)][:, None]
+        qpos[self.layout.fingers] = self.openings(b, t)[:, None]
         mujoco.mj_kinematics(self.model, self.data)
         hands = self.hands()
         for n, indices in enumerate(self.layout.objects):
-            R, p = object_pose(case, b, t, n, hands)
+            R, p = pose_in_mode(case, b, case.phase(t), n, hands)
             qpos[indices] = [*p, *Rotation.from_matrix(R).as_quat(scalar_first=True)]
         mujoco.mj_kinematics(self.model, self.data)
 

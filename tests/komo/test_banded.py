@@ -30,16 +30,18 @@ def sample_system(phases: int, steps: int, seed: int = 0) -> BorderedSystem:
 
 def written_out(system: BorderedSystem) -> np.ndarray:
     """The matrix of the module's docstring, entry by entry, lower triangle first."""
-    T, D, M = np.shape(system.border)
+    diagonal, border = np.asarray(system.diagonal), np.asarray(system.border)
+    coupling = None if system.coupling is None else np.asarray(system.coupling)
+    T, D, M = border.shape
     H = np.zeros((T * D + M, T * D + M))
     for t in range(T):
         for i in range(D):
             row = t * D + i
-            H[row, t * D : (t + 1) * D] = system.diagonal[t, i]
-            H[T * D :, row] = system.border[t, i]
+            H[row, t * D : (t + 1) * D] = diagonal[t, i]
+            H[T * D :, row] = border[t, i]
             for back in (1, 2):
-                if system.coupling is not None and t >= back:
-                    H[row, row - back * D] = system.coupling[back - 1, t, i]
+                if coupling is not None and t >= back:
+                    H[row, row - back * D] = coupling[back - 1, t, i]
     H[T * D :, T * D :] = system.corner
     return np.tril(H) + np.tril(H, -1).T
 

@@ -14,7 +14,7 @@ CAPSULES = 18
 """Of both arms."""
 
 HALF_TURN = 2.9
-"""Beyond this angle [rad] the switch residual is no longer the quaternion (`half_rotation_vector` bounds w), as documented."""
+"""Beyond this angle [rad] the switch residual is no longer the quaternion, as documented (`half_rotation_vector`)."""
 
 
 class Compared:
@@ -47,27 +47,40 @@ def numeric() -> dict[tuple[int, str], tuple[Rows, Rows]]:
     return {}
 
 
+def stacked(columns: list[tuple[Rows, Rows]], *axes: int) -> tuple[Rows, Rows]:
+    """Quotients of all columns, the columns' axes first."""
+    whole, half = (
+        Rows(*(np.stack(rows).reshape(*axes, *rows[0].shape) for rows in zip(*side, strict=True)))
+        for side in zip(*columns, strict=True)
+    )
+    return whole, half
+
+
+def all_joints(evaluated) -> tuple[Rows, Rows]:
+    """Derivatives by each joint, joint axis first; moved in all slices at once, as rows of a slice know its own."""
+    return stacked([differences(evaluated, "q", (slice(None), slice(None), j)) for j in range(14)], 14)
+
+
+def all_parameters(evaluated) -> tuple[Rows, Rows]:
+    """Derivatives by each mode parameter; axes (action, parameter) first."""
+    K = evaluated.case.x.m.shape[1]
+    indices = [(slice(None), k, c) for k in range(K) for c in range(PARAMETERS)]
+    return stacked([differences(evaluated, "m", index) for index in indices], K, PARAMETERS)
+
+
 @pytest.fixture
 def by_joint(evaluated, numeric) -> tuple[Rows, Rows]:
-    """Derivatives by each joint, moved in all slices at once (rows of a slice depend on its own joints only); joint axis first."""
     key = (evaluated.case.steps, "q")
     if key not in numeric:
-        columns = [differences(evaluated, "q", (slice(None), slice(None), j)) for j in range(14)]
-        numeric[key] = tuple(Rows(*(np.stack(rows) for rows in zip(*side, strict=True))) for side in zip(*columns, strict=True))
+        numeric[key] = all_joints(evaluated)
     return numeric[key]
 
 
 @pytest.fixture
 def by_parameter(evaluated, numeric) -> tuple[Rows, Rows]:
-    """Derivatives by each mode parameter; axes (action, parameter) first."""
     key = (evaluated.case.steps, "m")
     if key not in numeric:
-        K = evaluated.case.x.m.shape[1]
-        columns = [differences(evaluated, "m", (slice(None), k, c)) for k in range(K) for c in range(PARAMETERS)]
-        numeric[key] = tuple(
-            Rows(*(np.stack(rows).reshape(K, PARAMETERS, *rows[0].shape) for rows in zip(*side, strict=True)))
-            for side in zip(*columns, strict=True)
-        )
+        numeric[key] = all_parameters(evaluated)
     return numeric[key]
 
 
@@ -134,23 +147,23 @@ def test_capsules_and_objects(evaluated, by_joint, by_parameter) -> None:
 
 
 @pytest.mark.xfail(
-    strict=True, raises=AssertionError, reason="three rounds of capsule_prism do not reach the nearest point of the axis everywhere"
+    strict=True,
+    raises=AssertionError,
+    reason="three rounds of capsule_prism do not reach the nearest point of the axis everywhere",
 )
-def test_capsules_and_objects_throughout(path, numeric) -> None:
-    columns = [differences(path, "q", (slice(None), slice(None), j)) for j in range(14)]
-    sides = tuple(Rows(*(np.stack(rows) for rows in zip(*side, strict=True))) for side in zip(*columns, strict=True))
-    compare_joints(path, sides, "capsule-object").require_all()
+def test_capsules_and_objects_throughout(path) -> None:
+    compare_joints(path, all_joints(path), "capsule-object").require_all()
 
 
-def test_objects_face_to_face(evaluated, by_joint, by_parameter) -> None:
+def test_objects_face_to_face(level) -> None:
     """Where a face is nearest (past corners `prism_prism` is inexact: tests/geometry/test_wrenches.py)."""
-    pairs = [pair for pair in object_pairs()[-3:] if "top" not in pair]
-    faces = Replay(build_replay_model(), evaluated.case).faces(pairs)
+    faces = Replay(build_replay_model(), level.case).faces(object_pairs()[-3:])
     for compared in (
-        compare_joints(evaluated, by_joint, "object-object"),
-        compare_parameters(evaluated, by_parameter, "object-object"),
+        compare_joints(level, all_joints(level), "object-object"),
+        compare_parameters(level, all_parameters(level), "object-object"),
     ):
-        if ((compared.analytic != 0).any((0, 1) if compared.analytic.ndim == 5 else 0) & faces).sum() < 5:
+        moving = (compared.analytic != 0).any(tuple(range(compared.analytic.ndim - 3)))
+        if (moving & faces).sum() < 5:
             raise ValueError("too few faces")
         compared.require_all(faces)
 

@@ -94,7 +94,7 @@ def test_held_objects_and_table(measured: ObjectRows) -> None:
 
 
 def test_capsules_and_objects(measured: ObjectRows) -> None:
-    """Held, placed and standing objects. (`capsule_prism` may end up to millimetres above the distance: tests/geometry/test_distances.py.)"""
+    """Held, placed and standing objects, but for the millimetres that `capsule_prism` may err (tests/geometry)."""
     where = measured.counts & measured.is_capsule & (measured.expected > 0)
     error = (measured.ours - measured.expected)[where]
     assert (measured.expected[where] < 0.1).sum() > 30
@@ -154,7 +154,7 @@ def test_footprints(evaluated) -> None:
 
 @pytest.fixture(scope="module")
 def contacts_without_a_row(model) -> dict[frozenset[str], float]:
-    """Deepest contact of each pair of capsules, or capsule and table, that MuJoCo finds at random postures and that has no row."""
+    """Deepest contact, at random postures, of each pair of capsules or capsule and table that has no row, by MuJoCo."""
     rows = {frozenset(pair) for pair in arm_pairs()}
     rows |= {frozenset((name, "table")) for name, top in arm_pairs() if top == "top"}
     generator, layout = np.random.default_rng(0), qpos_layout(len(SCENE.objects))
@@ -189,7 +189,9 @@ def test_arms_never_touch_in_pairs_without_a_row(contacts_without_a_row) -> None
 
 
 @pytest.mark.xfail(
-    strict=True, raises=AssertionError, reason="an arm's forearm can run into its own column (over 10 cm deep within the limits), unseen"
+    strict=True,
+    raises=AssertionError,
+    reason="an arm's forearm can run into its own column (over 10 cm deep within the limits), unseen",
 )
 def test_forearm_never_touches_its_column(contacts_without_a_row) -> None:
     assert not COLUMN_AND_FOREARM & contacts_without_a_row.keys()

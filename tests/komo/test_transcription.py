@@ -9,7 +9,7 @@ from komo_cases import SCENE, grasp, place
 
 from dvr_jax.errors import DvrError
 from dvr_jax.komo.problem import ABSENT, FIXED, HELD_LEFT, HELD_RIGHT, PLACED, Problem
-from dvr_jax.komo.transcription import GRASP_MARGIN, PITCH_LIMIT, grip_width, refute, transcribe
+from dvr_jax.komo.transcription import ATTRACTION, GRASP_MARGIN, PITCH_LIMIT, grip_width, refute, transcribe
 from dvr_jax.logic import Action
 from dvr_jax.scene.scene import Goal, Region, SceneObject, make_scene
 from dvr_jax.scene.workspace import TABLE_HALF_EXTENTS
@@ -19,8 +19,8 @@ LEFT, RIGHT = HELD_LEFT, HELD_RIGHT
 
 @pytest.fixture
 def handover() -> Problem:
-    """Left grasps yellow at +x (5 cm wide), right takes it at -y (16 cm: not to be refuted here) and places it on the goal, then left
-    grasps the can and puts it back on the table."""
+    """Left grasps yellow at +x (5 cm wide), right takes it at -y (16 cm: `transcribe` does not refute) and places it on
+    the goal; then left grasps the can and puts it back on the table."""
     actions = [
         grasp("left", "+x", "yellow"),
         grasp("right", "-y", "yellow"),
@@ -53,20 +53,27 @@ def test_arms_at_rest(handover: Problem) -> None:
 
 
 def test_openings(handover: Problem) -> None:
-    """Open when empty; half the object's width along the closing axis while it holds: 5 cm at +x, 16 cm at -y, the can 7 cm."""
-    expected = [[0.04, 0.04], [0.025, 0.04], [0.04, 0.08], [0.04, 0.04], [0.035, 0.04]]
+    """Open when empty, else half the object's width along the closing axis: 5 cm at +x, 16 cm at -y, the can 7 cm."""
+    expected = [[0.04, 0.04], [0.025, 0.04], [0.04, 0.08], [0.04, 0.04], [0.035, 0.04], [0.04, 0.04]]
     np.testing.assert_allclose(handover.opening, expected, atol=1e-15)
 
 
 def test_faces_and_bounds(handover: Problem) -> None:
     np.testing.assert_allclose(handover.face_yaw, [0, 3 * math.pi / 2, 0, math.pi / 2, 0])
+    """A cylinder's closing axis passes through its own: its yaw is free, its tangent pinned."""
     free = (handover.upper - handover.lower) > 100
-    expected_free = [[False] * 4, [False] * 4, [True, True, True, False], [False, False, False, True], [True, True, True, False]]
+    expected_free = [
+        [False] * 4,
+        [False] * 4,
+        [True, True, True, False],
+        [False, False, False, True],
+        [True, True, True, False],
+    ]
     np.testing.assert_array_equal(free, expected_free)
     # Along the face's tangent, along the height, pitch, yaw (pinned for boxes); 1 cm margin.
     np.testing.assert_allclose(handover.upper[0], [0.08 - GRASP_MARGIN, 0.05 - GRASP_MARGIN, PITCH_LIMIT, 0])
     np.testing.assert_allclose(handover.upper[1], [0.025 - GRASP_MARGIN, 0.05 - GRASP_MARGIN, PITCH_LIMIT, 0])
-    np.testing.assert_allclose(handover.upper[3, :3], [0.035 - GRASP_MARGIN, 0.07 - GRASP_MARGIN, PITCH_LIMIT])
+    np.testing.assert_allclose(handover.upper[3, :3], [0, 0.07 - GRASP_MARGIN, PITCH_LIMIT])
     np.testing.assert_array_equal(handover.lower[:2], -handover.upper[:2])
     np.testing.assert_array_equal(handover.lower[[2, 4], 3], 0)
     np.testing.assert_array_equal(handover.upper[[2, 4], 3], 0)
@@ -82,6 +89,8 @@ def test_shapes_and_start(handover: Problem) -> None:
     np.testing.assert_allclose(handover.initial_pose[0], [-0.15, 0.22, 0.05, 0.5])
     np.testing.assert_allclose(handover.initial_pose[1], [0.12, -0.2, 0.07, 0])
     np.testing.assert_allclose(handover.home, np.ravel(SCENE.home))
+    np.testing.assert_array_equal(handover.reference, np.tile(handover.home, (5, 1)))
+    np.testing.assert_array_equal(handover.attraction, np.full((5, 14), ATTRACTION))
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(handover))
 
 
@@ -129,7 +138,7 @@ def test_too_wide_or_too_small_all_around(face: str) -> None:
 
 
 def test_too_small_along_the_face() -> None:
-    """The blade is 1.9 cm thick: held across its length there is no room for the gripper's centre, across its thickness there is."""
+    """The blade is 1.9 cm thick: closing along its length leaves the gripper's centre no room, the other way does."""
     assert "too small" in refute(SIZES, grasp("left", "+x", "blade"))
     assert refute(SIZES, grasp("left", "+y", "blade")) is None
 

@@ -90,7 +90,7 @@ def test_keyframes_need_not_rest(problem: Problem) -> None:
 def test_nan_is_infeasible(problem: Problem, where: str) -> None:
     x, rows = good_point(problem)
     place_of = x if where in Variables._fields else rows
-    getattr(place_of, where).flat[-1] = np.nan
+    getattr(place_of, where).flat[0] = np.nan
     assert not is_feasible(measure_violations(problem, x, rows))
     assert measure_violations(problem, x, rows).ratio() == np.inf
 
@@ -101,13 +101,13 @@ def test_infinity_is_infeasible() -> None:
 
 @pytest.fixture
 def gripped_upright(keyframes) -> tuple[Problem, Variables, Floats]:
-    """The keyframe problems with both arms at home, where the hands point straight down, and objects put so that the first action's
-    grasp with parameters zero fits its object exactly."""
+    """The keyframe problems with both arms at home, where the hands point straight down, and objects put so that the
+    first action's grasp with parameters zero fits its object exactly."""
     case = keyframes.case
     B, number = case.problems.switched_object.shape
     x = Variables(np.tile(case.problems.home[:, None], (1, number, 1)), np.zeros((B, number, 4)))
     rows, _ = keyframes.of(case.problems, x)
-    # At yaw zero the switch residual is the object's position minus where the grasp would have it; its angle tells the yaw.
+    # The switch residual is the object's position minus where the grasp would have it; its angle tells the yaw.
     first = case.problems.switched_object[:, 0]
     initial = np.array(case.problems.initial_pose)
     lanes = np.arange(B)

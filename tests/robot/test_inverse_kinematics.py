@@ -13,12 +13,14 @@ from dvr_jax.scene.mjcf import build_model
 from dvr_jax.scene.scene import Goal, Region, SceneObject, make_scene
 from dvr_jax.scene.workspace import ARM_NAMES, JOINT_LOWER, JOINT_UPPER
 
-SCENE = make_scene([SceneObject("box", "box", (0.05, 0.1, 0.1), (0.0, 0.3), 0.3)], Goal("box", Region((0, 0), 0, (0.2, 0.2))))
+SCENE = make_scene(
+    [SceneObject("box", "box", (0.05, 0.1, 0.1), (0.0, 0.3), 0.3)], Goal("box", Region((0, 0), 0, (0.2, 0.2)))
+)
 POSTURES = 1000
 
 STRETCHED = -(np.arctan(0.0825 / 0.316) + np.arctan(0.0825 / 0.384))
-"""The q4 at which shoulder, elbow and wrist centre lie on one line, -0.467 rad. Two values of q4, one on either side of it, give the same
-distance from shoulder to wrist; the closed form takes the more bent one."""
+"""The q4 at which shoulder, elbow and wrist centre lie on one line, -0.467 rad. Two values of q4, one on either side
+of it, give the same distance from shoulder to wrist; the closed form takes the more bent one."""
 
 Solve = Callable[..., tuple[Floats, Floats]]
 

@@ -11,7 +11,9 @@ from dvr_jax.scene.mjcf import CAPSULE_NAMES, build_model, qpos_layout
 from dvr_jax.scene.scene import Goal, Region, SceneObject, make_scene
 from dvr_jax.scene.workspace import ARM_NAMES, JOINT_LOWER, JOINT_UPPER
 
-SCENE = make_scene([SceneObject("box", "box", (0.05, 0.1, 0.1), (0.0, 0.3), 0.3)], Goal("box", Region((0, 0), 0, (0.2, 0.2))))
+SCENE = make_scene(
+    [SceneObject("box", "box", (0.05, 0.1, 0.1), (0.0, 0.3), 0.3)], Goal("box", Region((0, 0), 0, (0.2, 0.2)))
+)
 TIGHT = {"rtol": 0, "atol": 1e-12}
 
 

@@ -1,0 +1,1 @@
+"""Benchmarks: each compares with something it did not make, in one run."""

@@ -1,0 +1,25 @@
+"""Command line `python -m dvr_jax.bench NAME`."""
+
+from __future__ import annotations
+
+import sys
+
+from dvr_jax.bench import table_one
+from dvr_jax.errors import DvrError, run_command
+
+BENCHMARKS = {"table1": table_one.run}
+
+
+def main() -> int:
+    """Run the benchmark that is named."""
+    if sys.argv[1:2] in ([], ["-h"], ["--help"]):
+        print("usage: python -m dvr_jax.bench NAME\n" + "\n".join(f"  {name}" for name in BENCHMARKS))
+        return 0
+    name = sys.argv[1]
+    if name not in BENCHMARKS:
+        raise DvrError(f"there is no benchmark '{name}'; valid: {', '.join(BENCHMARKS)}.")
+    return BENCHMARKS[name]()
+
+
+if __name__ == "__main__":
+    run_command(main)
