@@ -25,7 +25,8 @@ EXIT_SOLVED, EXIT_NONE_FOUND = 0, 1
 
 @dataclass(frozen=True)
 class PlanOptions:
-    """Find a sequence of grasps, handovers and places that solves a scene, and a motion of two arms that carries it out.
+    """Find a sequence of grasps, handovers and places that solves a scene, and a motion of two arms that carries it
+    out.
 
     Exit code 0: solved, and the motion passed the independent check; 1: none found; 2: bad input.
     """
@@ -71,10 +72,15 @@ def describe_plan(result: Plan) -> dict[str, object]:
         "rejected_by_check": result.rejected,
         "seconds": {stage: round(value, 4) for stage, value in result.seconds.items()},
         "violations": result.violations,
-        "check": None if report is None else {"passed": report.passed, "deepest_penetration": report.deepest_penetration},
+        "check": None
+        if report is None
+        else {"passed": report.passed, "deepest_penetration": report.deepest_penetration},
         "options": result.options,
         "scene": json.loads(scene_to_json(result.scene)),
-        "versions": {"python": platform.python_version(), **{name: version(name) for name in ("dvr_jax", "jax", "mujoco", "numpy")}},
+        "versions": {
+            "python": platform.python_version(),
+            **{name: version(name) for name in ("dvr_jax", "jax", "mujoco", "numpy")},
+        },
     }
 
 

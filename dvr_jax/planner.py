@@ -1,10 +1,10 @@
 """Plan one scene: search for a sequence, optimise its path, and accept it only if the independent check does.
 
-    from dvr_jax.planner import plan
-    from dvr_jax.scene.scene import load_scene
+from dvr_jax.planner import plan
+from dvr_jax.scene.scene import load_scene
 
-    result = plan(load_scene("data/scenes/figure1.json"), search="mbts", k_max=6)
-    print(result.status, *result.words, sep="\\n")
+result = plan(load_scene("data/scenes/figure1.json"), search="mbts", k_max=6)
+print(result.status, *result.words, sep="\\n")
 """
 
 from __future__ import annotations
@@ -78,7 +78,8 @@ def plan(
         search: "mbts" (multi-bound tree search) or "bfs" (breadth-first).
         k_max: largest number of actions, at least 1.
         seed: of all sampling; the same seed gives the same plan.
-        time_limit: [s]; looked at between batches, so it is overrun by a few seconds at most once programs are compiled.
+        time_limit: [s]; looked at between batches, so it is overrun by a few seconds at most once programs are
+        compiled.
         progress: takes a line about what is going on.
     """
     if search not in SEARCHES:
@@ -88,7 +89,8 @@ def plan(
     if not time_limit > 0:
         raise DvrError(f"the time limit is {time_limit} s; valid is a positive number.")
     begin = time.monotonic()
-    # Tolerances of a micrometre need double precision. Set here and not on import, which must not change other users' programs.
+    # Tolerances of a micrometre need double precision. Set here and not on import, which must not change other users'
+    # programs.
     with jax.enable_x64(True):
         tree = SequenceTree(scene, k_max, seed)
         accepted: list[tuple[Motion, CheckReport]] = []

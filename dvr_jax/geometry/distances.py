@@ -1,11 +1,15 @@
 """Signed distances between capsules, prisms and the table plane, with the contact wrench of each.
 
-Shapes. A *capsule* is a segment with a radius. A *prism* stands for boxes and cylinders alike: half extents ``(hx, hy, hz, r)``, a box
-of half extents ``hx, hy, hz`` whose horizontal outline is rounded outwards by ``r``. A box has ``r = 0``, an upright cylinder
+Shapes. A *capsule* is a segment with a radius. A *prism* stands for boxes and cylinders alike: half extents ``(hx,
+hy, hz, r)``, a box
+of half extents ``hx, hy, hz`` whose horizontal outline is rounded outwards by ``r``. A box has ``r = 0``, an upright
+cylinder
 ``hx = hy = 0``. One formula serves both, so shapes are data and no branch is taken on them.
 
-Every distance is positive apart and negative in penetration [m]. Each comes with a contact point ``c`` and a unit normal ``n`` (world
-frame, pointing from the second body to the first), returned as the *wrench* ``w = (c x n, n)`` about the world's origin. For twists
+Every distance is positive apart and negative in penetration [m]. Each comes with a contact point ``c`` and a unit
+normal ``n`` (world
+frame, pointing from the second body to the first), returned as the *wrench* ``w = (c x n, n)`` about the world's
+origin. For twists
 ``V1, V2`` of the two bodies
 
     d(distance)/dt = w . (V1 - V2),
@@ -49,7 +53,8 @@ def capsule_capsule(
 ) -> tuple[Array, Six]:
     """Signed distance and wrench of capsules with segment ends ``a0, a1`` and ``b0, b1``.
 
-    Exact wherever the two segments do not cross. (Closest points of segments: Ericson, Real-Time Collision Detection, sec. 5.1.9.)
+    Exact wherever the two segments do not cross. (Closest points of segments: Ericson, Real-Time Collision Detection,
+    sec. 5.1.9.)
     """
     da, db, r = subtract(a1, a0), subtract(b1, b0), subtract(a0, b0)
     aa, bb, ab = dot(da, da), dot(db, db), dot(da, db)
@@ -107,10 +112,14 @@ def capsule_prism(
 ) -> tuple[Array, Six]:
     """Signed distance and wrench of capsules to prisms with pose ``R, p``.
 
-    The distance of a point to a convex body is convex along the segment, so its minimum is bracketed by the sign of the slope:
-    ``rounds`` pairs of one false-position and one bisection step, and one more false position. Outside, the slope of the squared
-    distance to a box is piecewise linear and false position ends on its root exactly. An error e in the position on the segment costs the
-    order of e^2 in the distance. Where the capsule's *axis* enters the prism, the depth is that of the axis' deepest point.
+    The distance of a point to a convex body is convex along the segment, so its minimum is bracketed by the sign of
+    the slope:
+    ``rounds`` pairs of one false-position and one bisection step, and one more false position. Outside, the slope of
+    the squared
+    distance to a box is piecewise linear and false position ends on its root exactly. An error e in the position on
+    the segment costs the
+    order of e^2 in the distance. Where the capsule's *axis* enters the prism, the depth is that of the axis' deepest
+    point.
     """
     b0 = rotate_back(R, subtract(a0, p))
     b0, d = materialize((b0, subtract(rotate_back(R, subtract(a1, p)), b0)))
@@ -172,9 +181,12 @@ def prism_prism(
 ) -> tuple[Array, Six]:
     """Separation and wrench of two prisms.
 
-    The separation is the largest gap over the separating axes of two boxes (Gottschalk 1996: 6 face normals, 9 edge products), the
-    directions in which two upright cylinders separate, and ``refinements`` further ones. It never exceeds the signed distance, so
-    "apart" is always true; it equals it for boxes that touch or penetrate and where a face is nearest; past a corner it is smaller but
+    The separation is the largest gap over the separating axes of two boxes (Gottschalk 1996: 6 face normals, 9 edge
+    products), the
+    directions in which two upright cylinders separate, and ``refinements`` further ones. It never exceeds the signed
+    distance, so
+    "apart" is always true; it equals it for boxes that touch or penetrate and where a face is nearest; past a corner
+    it is smaller but
     of the same sign.
     """
     center = subtract(p_a, p_b)
@@ -200,7 +212,8 @@ def prism_prism(
 
     normal: Vector = (chosen(n[0], best), chosen(n[1], best), chosen(n[2], best))
 
-    # Gilbert's iteration toward the point of the difference body A - B nearest to the origin: each direction that it visits is
+    # Gilbert's iteration toward the point of the difference body A - B nearest to the origin: each direction that it
+    # visits is
     # one more candidate axis. Corners and the curved side of tilted cylinders need it.
     v, refined = center, jnp.zeros(separation.shape, bool)
     for _ in range(refinements):
@@ -213,7 +226,8 @@ def prism_prism(
         v = subtract(v, scale(jnp.clip(dot(v, edge) / jnp.maximum(dot(edge, edge), TINY), 0, 1), edge))
         v, separation, normal, refined = materialize((v, separation, normal, refined))
 
-    # Where the contact is: a face of A touches B's support point and conversely; two edges touch where their lines are nearest.
+    # Where the contact is: a face of A touches B's support point and conversely; two edges touch where their lines
+    # are nearest.
     corner_a = add(p_a, prism_support(R_a, half_a, scale(-1.0, normal)))
     corner_b = add(p_b, prism_support(R_b, half_b, normal))
     i, j = jnp.clip(best - 6, 0, 8) // 3, jnp.clip(best - 6, 0, 8) % 3

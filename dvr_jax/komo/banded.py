@@ -1,6 +1,7 @@
 """Linear solve with the structure of a path: block-banded in time, with a dense border of mode parameters.
 
-The matrix couples each slice with the one before it (distances are sampled between slices too), with the second before it through a
+The matrix couples each slice with the one before it (distances are sampled between slices too), with the second
+before it through a
 *diagonal* block (accelerations act on each joint alone), and with the border:
 
         [ A_0      B1_1^T   B2_2                 E_0 ]
@@ -24,7 +25,8 @@ from jax.lax.linalg import triangular_solve
 
 
 class BorderedSystem(NamedTuple):
-    """A symmetric positive definite system ``H [dq; dm] = -[gradient_q; gradient_m]``; D = 14 joints, M = 4 K parameters."""
+    """A symmetric positive definite system ``H [dq; dm] = -[gradient_q; gradient_m]``; D = 14 joints, M = 4 K
+    parameters."""
 
     diagonal: Array
     """(T, D, D) blocks A_t."""
@@ -43,15 +45,17 @@ class BorderedSystem(NamedTuple):
 
 
 def _inverse_factor(A: Array) -> Array:
-    """Inverse of the lower Cholesky factor of a symmetric matrix ``(..., D, D)``; NaN where it is not positive definite."""
+    """Inverse of the lower Cholesky factor of a symmetric matrix ``(..., D, D)``; NaN where it is not positive
+    definite."""
     L = jnp.linalg.cholesky(A, symmetrize_input=False)
     identity = jnp.broadcast_to(jnp.eye(A.shape[-1], dtype=A.dtype), A.shape)
     return triangular_solve(L, identity, left_side=True, lower=True)
 
 
 def solve_bordered(system: BorderedSystem, damping: Array) -> tuple[Array, Array]:
-    """Newton step ``(dq (T, D), dm (M,))`` with ``damping`` added to the whole diagonal; NaN where the matrix is indefinite."""
-    T, D = system.gradient_q.shape
+    """Newton step ``(dq (T, D), dm (M,))`` with ``damping`` added to the whole diagonal; NaN where the matrix is
+    indefinite."""
+    _T, D = system.gradient_q.shape
     A = system.diagonal + damping * jnp.eye(D, dtype=system.diagonal.dtype)
     right = jnp.concatenate([system.border, -system.gradient_q[..., None]], axis=-1)
     if system.coupling is None or system.far_coupling is None:

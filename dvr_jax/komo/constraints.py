@@ -1,7 +1,9 @@
 """All constraint rows of a batch of NLPs at given variables, in metres and radians, with structured Jacobians.
 
-Every Jacobian is assembled from twists in closed form: a contact wrench times the joints' screws, never by differentiating a whole
-slice (which costs 35 to 150 times the evaluation). Geometry is computed for all L = B T slices of B problems side by side.
+Every Jacobian is assembled from twists in closed form: a contact wrench times the joints' screws, never by
+differentiating a whole
+slice (which costs 35 to 150 times the evaluation). Geometry is computed for all L = B T slices of B problems side by
+side.
 """
 
 from __future__ import annotations
@@ -13,15 +15,27 @@ import jax.numpy as jnp
 from jax import Array
 
 from dvr_jax.geometry.distances import Prism
-from dvr_jax.geometry.vectors import Rotation, Vector, add, compose, cross, half_rotation_vector, materialize, rotation_angle, scale, subtract, transpose  # noqa: E501
+from dvr_jax.geometry.vectors import (
+    Rotation,
+    Vector,
+    add,
+    compose,
+    cross,
+    half_rotation_vector,
+    materialize,
+    rotation_angle,
+    scale,
+    subtract,
+    transpose,
+)
 from dvr_jax.komo.contacts import Distances, arm_signs, measure_distances, object_signs
 from dvr_jax.komo.modes import Attachment, ObjectPoses, object_poses
 from dvr_jax.komo.problem import Problem, Variables
 from dvr_jax.robot.kinematics import capsule_segments, hand_pose, joint_screws, link_poses
 
-
 PATH_SAMPLES = 3
-"""Samples of a slice at which a path's distances are taken: at the slice and evenly between it and the one before, on a straight line
+"""Samples of a slice at which a path's distances are taken: at the slice and evenly between it and the one before, on
+a straight line
 in joint space. With the slices alone a finger hops over an object's edge between two of them."""
 
 
@@ -38,7 +52,8 @@ class Jacobians(NamedTuple):
     object_q: Array
     """(B, T', 14, Po) of the object rows' distances."""
     object_m: Array
-    """(B, T', 4 N, Po) of the object rows' distances with respect to the mode parameters that each object depends on."""
+    """(B, T', 4 N, Po) of the object rows' distances with respect to the mode parameters that each object depends
+    on."""
     switch_q: Array
     """(B, K, 6, 14)."""
     switch_m: Array
@@ -51,7 +66,8 @@ class Rows(NamedTuple):
     """Constraint residuals of B problems."""
 
     distance: Array
-    """(B, T', P) signed distances [m] at T' = T M samples, M of each slice, feasible where >= 0: arm rows, then object rows
+    """(B, T', P) signed distances [m] at T' = T M samples, M of each slice, feasible where >= 0: arm rows, then
+    object rows
     (`dvr_jax.komo.contacts`)."""
     switch: Array
     """(B, K, 6) pose of the switched object under the old mode minus that under the new: position [m], twice the
@@ -59,7 +75,8 @@ class Rows(NamedTuple):
     switch_angle: Array
     """(B, K) angle between the two orientations [rad]."""
     footprint: Array
-    """(B, K, 4) by how much the footprint sticks out of the support on each side [m], feasible where <= 0 (-1 for a grasp)."""
+    """(B, K, 4) by how much the footprint sticks out of the support on each side [m], feasible where <= 0 (-1 for a
+    grasp)."""
 
 
 def _phases_to_slices(value: Array, T: int) -> Array:
@@ -69,7 +86,8 @@ def _phases_to_slices(value: Array, T: int) -> Array:
 
 
 def _openings(problem: Problem, T: int, M: int) -> Array:
-    """Finger openings of both arms at each of T samples, ``(2, B T)``: in the M samples of a switch's slice the wider of before and after it, so that fingers that
+    """Finger openings of both arms at each of T samples, ``(2, B T)``: in the M samples of a switch's slice the wider
+    of before and after it, so that fingers that
     open as they let go find room."""
     B, K, _ = problem.resting.shape
     before, after = problem.opening[:, :-1], problem.opening[:, 1:]
@@ -79,20 +97,25 @@ def _openings(problem: Problem, T: int, M: int) -> Array:
 
 
 def _attach(problem: Problem, m: Array, kind: Array, by: Array, of: Array | None = None) -> Attachment:
-    """Attachments ``(B, J, N')`` with the parameters of the actions ``by``; ``of`` selects objects where N' is not all of them."""
+    """Attachments ``(B, J, N')`` with the parameters of the actions ``by``; ``of`` selects objects where N' is not
+    all of them."""
 
     def of_action(value: Array) -> Array:
         B = value.shape[0]
         return jnp.take_along_axis(value, by.reshape(B, -1), axis=1).reshape(by.shape)
 
     def of_object(value: Array) -> Array:
-        return jnp.broadcast_to(value[:, None], kind.shape) if of is None else jnp.take_along_axis(value, of[..., 0], axis=1)[..., None]  # noqa: E501
+        return (
+            jnp.broadcast_to(value[:, None], kind.shape)
+            if of is None
+            else jnp.take_along_axis(value, of[..., 0], axis=1)[..., None]
+        )
 
     return Attachment(
         kind=kind,
-        parameters=tuple(of_action(m[..., i]) for i in range(4)),  # type: ignore[arg-type]
+        parameters=tuple(of_action(m[..., i]) for i in range(4)),
         face_yaw=of_action(problem.face_yaw),
-        initial=tuple(of_object(problem.initial_pose[..., i]) for i in range(4)),  # type: ignore[arg-type]
+        initial=tuple(of_object(problem.initial_pose[..., i]) for i in range(4)),
         half_height=of_object(problem.half[..., 2]),
     )
 
@@ -107,7 +130,8 @@ def sample_path(problem: Problem, q: Array, samples: int) -> Array:
 
 
 def evaluate(problem: Problem, x: Variables) -> tuple[Rows, Jacobians]:
-    """All rows of B problems at ``x`` (every leaf has a leading axis B). Jacobians that are not used cost nothing under jit."""
+    """All rows of B problems at ``x`` (every leaf has a leading axis B). Jacobians that are not used cost nothing
+    under jit."""
     B, T = x.q.shape[:2]
     K, N = x.m.shape[1], problem.half.shape[1]
     M = samples_of(T, K)
@@ -153,23 +177,28 @@ def evaluate(problem: Problem, x: Variables) -> tuple[Rows, Jacobians]:
 
 
 def _times(columns: Array, wrench: Array) -> Array:
-    """Wrenches ``(L, 6, P)`` times twist columns ``(L, 6, C)``: ``(L, C, P)``; a sum of six products fuses, a batched dot does not."""
+    """Wrenches ``(L, 6, P)`` times twist columns ``(L, 6, C)``: ``(L, C, P)``; a sum of six products fuses, a batched
+    dot does not."""
     return sum(columns[:, i, :, None] * wrench[:, i, None, :] for i in range(6))  # type: ignore[return-value]
 
 
-def _distance_jacobians(distances: Distances, screws: Array, objects: ObjectPoses, N: int) -> tuple[Array, Array, Array]:
+def _distance_jacobians(
+    distances: Distances, screws: Array, objects: ObjectPoses, N: int
+) -> tuple[Array, Array, Array]:
     dtype = screws.dtype
     S, arm_wrench, wrench = materialize(
         (screws.transpose(2, 0, 1), distances.arm_wrench.transpose(2, 0, 1), distances.object_wrench.transpose(2, 0, 1))
     )
     arm_q = jnp.asarray(arm_signs(), dtype) * _times(S, arm_wrench)
     joints, role = object_signs(N)
-    L, _, P = wrench.shape
+    L, _, _P = wrench.shape
     held = jnp.stack([jnp.where(h, 1, 0).astype(dtype).T for h in objects.held], axis=1)
     by_object = (held[..., None] * jnp.asarray(role, dtype)).sum(2)
     sign = materialize(jnp.asarray(joints, dtype) + jnp.repeat(by_object, 7, axis=1))
     object_q = sign * _times(S, wrench)
-    columns = jnp.stack([jnp.stack([jnp.concatenate([t[part][i] for t in objects.twists]) for i in range(3)]) for part in range(2)])  # noqa: E501
+    columns = jnp.stack(
+        [jnp.stack([jnp.concatenate([t[part][i] for t in objects.twists]) for i in range(3)]) for part in range(2)]
+    )
     columns = materialize(columns.reshape(6, 4 * N, L).transpose(2, 0, 1))
     object_m = jnp.asarray(jnp.tile(role, (4, 1)), dtype) * _times(columns, wrench)
     return arm_q, object_q, object_m
@@ -195,7 +224,8 @@ def _switch_rows(
     residual = jnp.stack([*subtract(old.p, new.p), *scale(2.0, v)])
 
     def velocity(angular: Vector, linear: Vector, p: Vector, sign: float) -> Array:
-        """(6, J, B K) change of the residual with a twist: of the point p, and of 2 v by a turn on its left or right side."""
+        """(6, J, B K) change of the residual with a twist: of the point p, and of 2 v by a turn on its left or right
+        side."""
         turned = add(scale(w, angular), scale(sign, cross(angular, v)))
         return jnp.stack([*add(linear, cross(angular, p)), *turned])
 

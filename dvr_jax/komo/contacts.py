@@ -2,12 +2,15 @@
 
 Rows, in this order (C capsules an arm, N objects):
 
-- *arm rows*: capsule against capsule in rectangles of pairs (`_CROSS_PAIRS` between the arms, `_SELF_PAIRS` within each), then
+- *arm rows*: capsule against capsule in rectangles of pairs (`_CROSS_PAIRS` between the arms, `_SELF_PAIRS` within
+each), then
   capsule against the table;
-- *object rows*: every arm capsule (left arm's C, then the right's) against each object, object after object; object against the table;
+- *object rows*: every arm capsule (left arm's C, then the right's) against each object, object after object; object
+against the table;
   object against object.
 
-A row that does not count in a slice (an object and the hand that holds it, two objects that stand where the scene has them, an absent
+A row that does not count in a slice (an object and the hand that holds it, two objects that stand where the scene has
+them, an absent
 object) has the distance `FAR` and a zero wrench.
 """
 
@@ -38,11 +41,13 @@ _CAPSULES = ("column", "upper_arm", "elbow", "forearm", "wrist", "flange", "hand
 _FOREARM_ON, _WRIST_ON, _FLANGE_ON, _ALL = slice(3, 9), slice(4, 9), slice(5, 9), slice(0, 9)
 
 _CROSS_PAIRS = ((_FOREARM_ON, slice(1, 9)), (slice(1, 3), _FOREARM_ON))
-"""Rectangles of capsules (left arm's, right arm's). With bases 1.2 m apart no column is in the other arm's reach, and upper arm and elbow of
+"""Rectangles of capsules (left arm's, right arm's). With bases 1.2 m apart no column is in the other arm's reach, and
+upper arm and elbow of
 one arm cannot meet those of the other."""
 
 _SELF_PAIRS = ((slice(0, 2), _WRIST_ON), (slice(2, 4), _FLANGE_ON))
-"""Rectangles of capsules of one arm: column and upper arm against the wrist and beyond, elbow and forearm against the flange and beyond. All others
+"""Rectangles of capsules of one arm: column and upper arm against the wrist and beyond, elbow and forearm against the
+flange and beyond. All others
 are neighbours, or out of each other's reach within the joint limits."""
 
 _TABLE = _FOREARM_ON
@@ -93,7 +98,8 @@ def capsule_moves() -> np.ndarray:
 
 @lru_cache(maxsize=8)
 def object_signs(number_of_objects: int) -> tuple[np.ndarray, np.ndarray]:
-    """Of the object rows: (14, Po) how the arm's joints move the capsule, and (N, Po) +1 where object n is the first body of the row, -1
+    """Of the object rows: (14, Po) how the arm's joints move the capsule, and (N, Po) +1 where object n is the first
+    body of the row, -1
     where it is the second."""
     N, capsules = number_of_objects, 2 * len(_CAPSULES)
     pairs = list(combinations(range(N), 2))
@@ -180,7 +186,9 @@ def _object_rows(a: Vector, b: Vector, objects: ObjectPoses, half: Prism, kind: 
     groups = [_masked(distance, wrench, ignored, (N, 2 * C))]
 
     distance, wrench = prism_plane(objects.R, objects.p, half)
-    groups.append(_masked(each(distance), tuple(each(x) for x in wrench), ~each(objects.held[0] | objects.held[1]), (N, 1)))
+    groups.append(
+        _masked(each(distance), tuple(each(x) for x in wrench), ~each(objects.held[0] | objects.held[1]), (N, 1))
+    )
     if N > 1:
         i, j = np.array(list(combinations(range(N), 2))).T
 

@@ -1,6 +1,8 @@
-"""Batched calls of particles and solver for lists of prefixes: padding to a few lane counts, so that little is compiled.
+"""Batched calls of particles and solver for lists of prefixes: padding to a few lane counts, so that little is
+compiled.
 
-The interface between search (lists of Python objects) and the compiled code (stacked arrays). Each function's result for one prefix does not
+The interface between search (lists of Python objects) and the compiled code (stacked arrays). Each function's result
+for one prefix does not
 depend on what else is in the list.
 """
 
@@ -17,12 +19,12 @@ from scipy.interpolate import PchipInterpolator
 
 from dvr_jax.komo.particles import Extension, Particles, case_of, extend, no_particles
 from dvr_jax.komo.problem import HELD_LEFT, Problem, Variables
-from dvr_jax.robot.inverse_kinematics import shift_gripper
 from dvr_jax.komo.solver import FEASIBLE, RUNNING, Settings, iterate, start
+from dvr_jax.robot.inverse_kinematics import shift_gripper
 
-EXTENSION_LANES = (16,)
+EXTENSION_LANES = (16, 64)
 """Numbers of prefixes that the extension of particles is compiled for."""
-KEYFRAME_LANES = (16,)
+KEYFRAME_LANES = (16, 64)
 """Numbers of lanes that the solver of keyframes is compiled for."""
 PATH_LANES = (1,)
 """Numbers of lanes that the solver of paths is compiled for."""
@@ -77,7 +79,7 @@ def _chunks(number: int, sizes: tuple[int, ...]) -> list[tuple[list[int], int]]:
 def empty_prefix(number_of_objects: int, k_max: int) -> Particles:
     """Particles of the empty prefix, without the batch axis."""
     batch = no_particles(1, number_of_objects, k_max, np.dtype(np.float32))
-    return jax.tree.map(lambda leaf: np.asarray(leaf[0]), batch)  # type: ignore[no-any-return]
+    return jax.tree.map(lambda leaf: np.asarray(leaf[0]), batch)
 
 
 def _extension(problem: Problem, k: int) -> Extension:
@@ -91,14 +93,16 @@ def _extension(problem: Problem, k: int) -> Extension:
 
     return Extension(
         half=number(problem.half), initial_pose=number(problem.initial_pose), home=number(problem.home),
-        opening=number(np.maximum(problem.opening[k], problem.opening[k + 1])), depth=np.int32(k), arm=np.int32(arm), item=np.int32(item),
+        opening=number(np.maximum(problem.opening[k], problem.opening[k + 1])), depth=np.int32(k), arm=np.int32(arm),
+        item=np.int32(item),
         new_kind=np.int32(after), face_yaw=number(problem.face_yaw[k]), lower=number(problem.lower[k]),
         upper=number(problem.upper[k]), support=number(problem.support[k]),
     )  # fmt: skip
 
 
 def extend_prefixes(parents: Sequence[Particles], problems: Sequence[Problem], seed: int) -> list[Particles]:
-    """Particles of prefixes, each one action longer than its parent's; ``problems`` are those of the longer prefixes."""
+    """Particles of prefixes, each one action longer than its parent's; ``problems`` are those of the longer
+    prefixes."""
     children: list[Particles | None] = [None] * len(parents)
     groups: dict[tuple[str, int], list[int]] = {}
     for index, problem in enumerate(problems):
@@ -136,7 +140,9 @@ def _solve_lanes(
     padded = alive + [0] * (lanes - len(alive))
     batch: Problem = jax.tree.map(jnp.asarray, stack([problems[i] for i in padded]))
     x = jax.tree.map(jnp.asarray, stack([starts[i] for i in padded]))
-    settings = jax.tree.map(lambda value: np.asarray(value, x.q.dtype if isinstance(value, float) else np.int32), settings)
+    settings = jax.tree.map(
+        lambda value: np.asarray(value, x.q.dtype if isinstance(value, float) else np.int32), settings
+    )
     states = start(batch, x, settings)
     if lanes > len(alive):
         # Padding lanes have ended from the beginning.
@@ -155,7 +161,7 @@ def _solve_lanes(
         if fewer < lanes:
             # Most lanes of a batch are infeasible and slow: go on in a smaller program without the ended ones.
             index = np.array(keep + [keep[0]] * (fewer - len(keep)))
-            states, batch = jax.tree.map(lambda leaf: leaf[index], (states, batch))
+            states, batch = jax.tree.map(lambda leaf, index=index: leaf[index], (states, batch))
             ended = jnp.arange(fewer) >= len(keep)
             states = states._replace(status=jnp.where(ended, FEASIBLE, states.status))
             alive, lanes = [alive[lane] for lane in keep], fewer
@@ -186,7 +192,8 @@ def keyframe_start(prefix: Particles, rank: int, K: int) -> Variables:
 
 
 def path_start(problem: Problem, keyframes: Variables, steps: int = STEPS_PER_PHASE) -> Variables:
-    """A path through keyframes, at rest at each; an arm that takes part in a switch comes and goes through a clear pose beside it."""
+    """A path through keyframes, at rest at each; an arm that takes part in a switch comes and goes through a clear
+    pose beside it."""
     K = keyframes.q.shape[0]
     before = np.concatenate([problem.home[None], keyframes.q[:-1]])
     coming, going = _clear_postures(problem, keyframes.q)
@@ -202,13 +209,14 @@ def path_start(problem: Problem, keyframes: Variables, steps: int = STEPS_PER_PH
 
 
 def path_problem(problem: Problem, start: Variables) -> Problem:
-    """The path NLP of a sequence from its keyframe NLP: drawn to its start, and more so close to a switch, for the arms that take part.
+    """The path NLP of a sequence from its keyframe NLP: drawn to its start, and more so close to a switch, for the
+    arms that take part.
 
     Without it the shortest motion sweeps sideways into a grasp, and hops over the object's edge between two slices.
     """
     T, K = len(start.q), len(problem.is_grasp)
     S = T // K
-    near = int(round(NEAR_SWITCH * S))
+    near = round(NEAR_SWITCH * S)
     attraction = np.full(start.q.shape, FAR_ATTRACTION)
     for k, resting in enumerate(problem.resting):
         weight = np.where(np.repeat(resting, 7) > 0, NEAR_ATTRACTION, FAR_ATTRACTION)
@@ -218,7 +226,8 @@ def path_problem(problem: Problem, start: Variables) -> Problem:
 
 
 def _clear_postures(problem: Problem, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Joint angles (K, 14) shortly before and after each switch: a gripper that comes to grasp or has let go is `CLEARANCE` back along its
+    """Joint angles (K, 14) shortly before and after each switch: a gripper that comes to grasp or has let go is
+    `CLEARANCE` back along its
     approach, one that holds something that stands before or after the switch is as much higher."""
     K = len(q)
     coming, going = q.copy(), q.copy()
@@ -261,4 +270,3 @@ def adopt(prefix: Particles, problem: Problem, solution: Solved) -> Particles:
     for n, action in enumerate(problem.attached_by[K]):
         parameters[index, n] = solution.m[action]
     return prefix._replace(q=q, m=m, violation=violation, parameters=parameters)
-

@@ -66,6 +66,7 @@ class Residuals(NamedTuple):
 EQUALITIES = Residuals(False, True, True, False, False, False)
 """Which rows are equalities."""
 
+
 def joint_limits() -> np.ndarray:
     """(2, 14) lower and upper limits of both arms [rad]."""
     return np.tile(load_arm().joint_limits, (1, 2))
@@ -114,7 +115,8 @@ def update_multipliers(multipliers: Multipliers, c: Residuals, p: Residuals) -> 
 
 
 def _forces(multipliers: Multipliers, c: Residuals, p: Residuals) -> tuple[Residuals, Residuals, Array]:
-    """Per row: derivative of the Lagrangian with respect to it, its curvature (the penalty where active), and the total."""
+    """Per row: derivative of the Lagrangian with respect to it, its curvature (the penalty where active), and the
+    total."""
     forces, curvatures, total = [], [], jnp.zeros((), c.switch.dtype)
     for y, value, penalty, equality in zip(multipliers, c, p, EQUALITIES, strict=True):
         force = y + penalty * value
@@ -155,7 +157,8 @@ def gauss_newton_system(
     S, N, dtype = T // K, problem.half.shape[0], x.q.dtype
     force, curvature, _ = _forces(multipliers, c, p)
 
-    # Distances: g = -d, so the gradient's sign turns and the curvature's does not. Only object rows know mode parameters.
+    # Distances: g = -d, so the gradient's sign turns and the curvature's does not. Only object rows know mode
+    # parameters.
     rows = J.arm_q.shape[-1]
     of_arm, of_object = curvature.distance[:, None, :rows], curvature.distance[:, None, rows:]
     force_arm, force_object = force.distance[:, :rows], force.distance[:, rows:]
@@ -187,7 +190,8 @@ def gauss_newton_system(
         mixed = onto(share * (1 - share), A_sample)
         gradient_q += shifted(onto(1 - share, g_sample))
 
-    # Each object's local parameter columns belong to the action that it is attached by: scatter with one-hot matrices, per phase.
+    # Each object's local parameter columns belong to the action that it is attached by: scatter with one-hot
+    # matrices, per phase.
     belongs = jnp.asarray(problem.attached_by[:-1, :, None] == jnp.arange(K), dtype)
 
     def to_actions(value: Array) -> Array:

@@ -1,6 +1,7 @@
 """Kinematic modes: where an object is, given the grippers and the mode parameters, and how it moves with them.
 
-A grasp's parameters place the gripper in the object's frame, ``T_object_hand``; a place's parameters place the object in the world,
+A grasp's parameters place the gripper in the object's frame, ``T_object_hand``; a place's parameters place the object
+in the world,
 ``T_world_object``. Arrays end with (object, slice) axes ``(N, L)``.
 """
 
@@ -29,7 +30,8 @@ from dvr_jax.komo.problem import HELD_LEFT, HELD_RIGHT, PLACED
 
 
 class Attachment(NamedTuple):
-    """How objects are attached, with the mode parameters of the actions that they are attached by; all of one shape, say (N, L)."""
+    """How objects are attached, with the mode parameters of the actions that they are attached by; all of one shape,
+    say (N, L)."""
 
     kind: Array
     """int, see `dvr_jax.komo.problem`."""
@@ -49,7 +51,8 @@ class ObjectPoses(NamedTuple):
     R: Rotation
     p: Vector
     twists: tuple[tuple[Vector, Vector], ...]
-    """For each mode parameter the object's world twist at unit rate: angular velocity, velocity of the point at the world's origin."""
+    """For each mode parameter the object's world twist at unit rate: angular velocity, velocity of the point at the
+    world's origin."""
     held: tuple[Array, Array]
     """True where the left, the right arm holds the object: it then moves with all joints of that arm."""
 
@@ -57,8 +60,10 @@ class ObjectPoses(NamedTuple):
 def grasp_frame(m: tuple[Array, Array, Array, Array], face_yaw: Array) -> tuple[Rotation, Vector, Array, Array]:
     """Gripper in the object's frame: rotation, centre, and cosine and sine of the closing axis' yaw.
 
-    The closing axis (hand y) is the face's outward normal n, ``u = z x n`` its horizontal tangent; the approach (hand z) is
-    ``sin(pitch) u - cos(pitch) z``; the centre is ``m0 u + m1 z``, in the object's middle between the fingers as a parallel gripper takes it.
+    The closing axis (hand y) is the face's outward normal n, ``u = z x n`` its horizontal tangent; the approach (hand
+    z) is
+    ``sin(pitch) u - cos(pitch) z``; the centre is ``m0 u + m1 z``, in the object's middle between the fingers as a
+    parallel gripper takes it.
     """
     phi = face_yaw + m[3]
     c, s = jnp.cos(phi), jnp.sin(phi)

@@ -1,9 +1,13 @@
 """Starts for the keyframe NLP: particles that are extended action by action along the tree of sequences.
 
-The NLP has local minima (which way the elbow points, from which side the gripper comes, where on the table an object is put), and one
-start near the home posture misses most feasible problems. So every prefix of a sequence keeps a few dozen *particles*: joint
-angles at each switch and mode parameters that meet all switch constraints exactly, by closed-form inverse kinematics, ranked by how deep
-things penetrate. A child's particles are sampled from its parent's: proposals of mode parameters, inverse kinematics, distances, the
+The NLP has local minima (which way the elbow points, from which side the gripper comes, where on the table an object
+is put), and one
+start near the home posture misses most feasible problems. So every prefix of a sequence keeps a few dozen
+*particles*: joint
+angles at each switch and mode parameters that meet all switch constraints exactly, by closed-form inverse kinematics,
+ranked by how deep
+things penetrate. A child's particles are sampled from its parent's: proposals of mode parameters, inverse kinematics,
+distances, the
 best kept with a share for every parent. Sequences with a common prefix share its particles.
 
 Particles propose, the NLP decides: no verdict is taken here.
@@ -38,10 +42,11 @@ LAST_JOINT_SAMPLES = 3
 """Values of q7 tried for each gripper pose."""
 
 TUCKED = (0.0, -1.3, 0.0, -2.7, 0.0, 1.6, math.pi / 4)
-"""A posture that keeps the resting arm out of the way [rad]; half of the proposals use it, the others the home posture."""
+"""A posture that keeps the resting arm out of the way [rad]; half of the proposals use it, the others the home
+posture."""
 
 _PITCH_RANGE = 1.75
-_UNREACHABLE = 10.0
+UNREACHABLE = 10.0
 """Stands for the violation of a proposal without inverse kinematics [m]."""
 
 
@@ -179,8 +184,8 @@ def _propose_handover(key: Array, particles: Particles, step: Extension, shape: 
     spin = yaw - axis
     R = compose(compose(about, tip), rotation_about_z(jnp.cos(spin), jnp.sin(spin)))
     held_by, _ = _object_frame(particles, step)
-    R_giver, p_giver, _, _ = grasp_frame(held_by, _of_item(particles.face_yaw, step))  # type: ignore[arg-type]
-    R_taker, p_taker, _, _ = grasp_frame(m, step.face_yaw[:, None, None])  # type: ignore[arg-type]
+    R_giver, p_giver, _, _ = grasp_frame(held_by, _of_item(particles.face_yaw, step))
+    R_taker, p_taker, _, _ = grasp_frame(m, step.face_yaw[:, None, None])
     return _Proposed(
         _stack(m),
         (compose(R, R_taker), add(p, rotate(R, p_taker))),
@@ -215,13 +220,14 @@ def _propose_place(key: Array, particles: Particles, step: Extension, shape: tup
     yaw = turn + support[2]
     R = rotation_about_z(jnp.cos(yaw), jnp.sin(yaw))
     held_by, _ = _object_frame(particles, step)
-    R_hand, p_hand, _, _ = grasp_frame(held_by, _of_item(particles.face_yaw, step))  # type: ignore[arg-type]
+    R_hand, p_hand, _, _ = grasp_frame(held_by, _of_item(particles.face_yaw, step))
     p = add((x, y, jnp.broadcast_to(half[2], x.shape)), rotate(R, p_hand))
     return _Proposed(_stack((x, y, yaw, jnp.zeros_like(x))), (compose(R, R_hand), p), None)
 
 
 def _reach(key: Array, arm: Array, pose: tuple[Rotation, Vector], home: Array) -> tuple[Array, Array]:
-    """Best inverse kinematics for gripper poses (M, B, J): angles (M, B, J, 7) and a cost, `_UNREACHABLE` where there is none.
+    """Best inverse kinematics for gripper poses (M, B, J): angles (M, B, J, 7) and a cost, `UNREACHABLE` where there
+    is none.
 
     The best lies nearest to the home posture, which keeps clear of joint limits and leaves the elbow up.
     """
@@ -240,7 +246,7 @@ def _reach(key: Array, arm: Array, pose: tuple[Rotation, Vector], home: Array) -
     q = q.reshape(7, BRANCHES, *shape, n)
     near = jnp.take_along_axis(home.reshape(-1, 2, 7), arm[:, None, None], axis=1)[:, 0].T.reshape(7, 1, -1, 1, 1, 1)
     cost = 0.01 * ((q - near) ** 2).sum(0)
-    cost = jnp.where(valid.reshape(BRANCHES, *shape, n), cost, _UNREACHABLE)
+    cost = jnp.where(valid.reshape(BRANCHES, *shape, n), cost, UNREACHABLE)
     cost = jnp.moveaxis(cost, 0, -1).reshape(*shape, -1)
     best = jnp.argmin(cost, axis=-1)
     q = jnp.moveaxis(q, (0, 1), (-2, -1)).reshape(*shape, n, 7, BRANCHES)
@@ -250,7 +256,8 @@ def _reach(key: Array, arm: Array, pose: tuple[Rotation, Vector], home: Array) -
 
 @partial(jax.jit, static_argnames="case")
 def extend(particles: Particles, step: Extension, key: Array, case: str) -> Particles:
-    """Particles of M prefixes, each one action longer. ``case`` ("grasp", "handover" or "place") holds for all of them."""
+    """Particles of M prefixes, each one action longer. ``case`` ("grasp", "handover" or "place") holds for all of
+    them."""
     M, N = particles.kind.shape
     B, J, dtype = PARTICLES, PROPOSALS, particles.q.dtype
     # The same numbers for each prefix: what a prefix gets does not depend on the batch that it is in.
@@ -285,7 +292,7 @@ def extend(particles: Particles, step: Extension, key: Array, case: str) -> Part
     cost = gather(cost)[..., 0]
     attached = jnp.take_along_axis(particles.parameters, parent[..., None, None], axis=1)
     penetration = _penetration(particles, step, q, attached)
-    violation = jnp.where(cost >= _UNREACHABLE, cost, penetration)
+    violation = jnp.where(cost >= UNREACHABLE, cost, penetration)
     violation = violation + jnp.take_along_axis(particles.violation, parent, axis=1)
 
     # Keep the best, but give every parent its share: the k-th best child of one parent waits behind others.
@@ -317,7 +324,8 @@ def extend(particles: Particles, step: Extension, key: Array, case: str) -> Part
 
 
 def _penetration(particles: Particles, step: Extension, q: Array, parameters: Array) -> Array:
-    """Sum of penetrations (M, E) [m] at the switch slice, for joint angles (M, E, 14) and object parameters (M, E, N, 4)."""
+    """Sum of penetrations (M, E) [m] at the switch slice, for joint angles (M, E, 14) and object parameters (M, E, N,
+    4)."""
     M, E = q.shape[:2]
     N, L = particles.kind.shape[1], M * E
     angles = jnp.moveaxis(q.reshape(L, 2, 7), (0, 1, 2), (2, 1, 0))
@@ -331,9 +339,9 @@ def _penetration(particles: Particles, step: Extension, q: Array, parameters: Ar
     hands = materialize(hand_pose(rotations, positions))
     attached = Attachment(
         kind=each(particles.kind),
-        parameters=tuple(parameters[..., i].reshape(L, N).T for i in range(4)),  # type: ignore[arg-type]
+        parameters=tuple(parameters[..., i].reshape(L, N).T for i in range(4)),
         face_yaw=each(particles.face_yaw),
-        initial=tuple(each(step.initial_pose[..., i]) for i in range(4)),  # type: ignore[arg-type]
+        initial=tuple(each(step.initial_pose[..., i]) for i in range(4)),
         half_height=each(step.half[..., 2]),
     )
     objects = materialize(object_poses(attached, *hands))
@@ -348,5 +356,3 @@ def case_of(kind_before: int, is_grasp: bool) -> str:
     if not is_grasp:
         return "place"
     return "handover" if kind_before >= HELD_LEFT else "grasp"
-
-

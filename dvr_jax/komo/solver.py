@@ -1,8 +1,11 @@
 """Augmented-Lagrangian Gauss-Newton: many NLPs of the same shape at once, in chunks of iterations.
 
-One iteration evaluates all rows with Jacobians at the trial point, accepts it if the augmented Lagrangian fell (else the damping
-grows), and solves the banded Gauss-Newton system for the next trial point. When the steps of a subproblem have become small,
-multipliers are updated and the penalty grows if the violation did not fall enough. Every lane carries a status; nothing is
+One iteration evaluates all rows with Jacobians at the trial point, accepts it if the augmented Lagrangian fell (else
+the damping
+grows), and solves the banded Gauss-Newton system for the next trial point. When the steps of a subproblem have become
+small,
+multipliers are updated and the penalty grows if the violation did not fall enough. Every lane carries a status;
+nothing is
 raised under jit, and a lane that has ended no longer changes.
 """
 
@@ -111,7 +114,8 @@ def _tree_where(condition: Array, a: State, b: State) -> State:
 
 
 def _start(problem: Problem, x: Variables, settings: Settings) -> State:
-    """State before the first iteration; its system is a placeholder, replaced because the first trial point is accepted."""
+    """State before the first iteration; its system is a placeholder, replaced because the first trial point is
+    accepted."""
     dtype = x.q.dtype
     zero, infinity = jnp.zeros((), dtype), jnp.full((), jnp.inf, dtype)
 
@@ -162,9 +166,13 @@ def _advance(problem: Problem, settings: Settings, state: State, rows: Rows, J: 
     ended = accepted & ~first & ((moved <= settings.step_tolerance) | (inner >= settings.inner_limit))
 
     # Multiplier update, from the rows at hand: x has just become the trial point.
-    multipliers = jax.tree.map(lambda new, old: jnp.where(ended, new, old), update_multipliers(state.multipliers, c, p), state.multipliers)  # noqa: E501
+    multipliers = jax.tree.map(
+        lambda new, old: jnp.where(ended, new, old), update_multipliers(state.multipliers, c, p), state.multipliers
+    )
     slow = ratio > settings.sufficient_decrease * state.updated_ratio
-    penalty = jnp.where(ended & slow, jnp.minimum(state.penalty * settings.penalty_growth, settings.penalty_limit), state.penalty)  # noqa: E501
+    penalty = jnp.where(
+        ended & slow, jnp.minimum(state.penalty * settings.penalty_growth, settings.penalty_limit), state.penalty
+    )
     stale = jnp.where(ended, jnp.where(ratio < 0.9 * state.best_ratio, 0, state.stale + 1), state.stale)
     p = penalties(settings.weights, penalty, dtype)
     system = materialize(gauss_newton_system(problem, trial, c, J, multipliers, p, settings.weights))
@@ -183,9 +191,7 @@ def _advance(problem: Problem, settings: Settings, state: State, rows: Rows, J: 
     # No step helps any more: return to x and take the multiplier update there.
     stuck = damping > settings.damping_limit
     factor = jnp.where(stuck | broken, 0, scale)
-    step = Variables(
-        jnp.where(factor > 0, factor * dq, 0), jnp.where(factor > 0, factor * dm.reshape(x.m.shape), 0)
-    )
+    step = Variables(jnp.where(factor > 0, factor * dq, 0), jnp.where(factor > 0, factor * dm.reshape(x.m.shape), 0))
     damping = jnp.where(stuck, settings.damping, jnp.where(broken, damping * 100, damping))
     iterations = state.iterations + 1
     status = jnp.where(iterations >= settings.iteration_limit, ITERATION_LIMIT, RUNNING)

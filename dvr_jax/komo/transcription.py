@@ -63,7 +63,8 @@ def refute(scene: Scene, action: Action) -> str | None:
     item = scene.objects[scene.object_index(name)]
     width = grip_width(item, face)
     if width > MAXIMUM_OPENING:
-        return f"{name} is {100 * width:.1f} cm wide at its {face} face, the gripper opens {100 * MAXIMUM_OPENING:.0f} cm"
+        widest = f"the gripper opens {100 * MAXIMUM_OPENING:.0f} cm"
+        return f"{name} is {100 * width:.1f} cm wide at its {face} face, {widest}"
     if min(_grasp_room(item, face)) < 0:
         return f"{name} is too small to hold the gripper's centre with its margin of {100 * GRASP_MARGIN:.0f} cm"
     return None
@@ -124,7 +125,8 @@ def _transcribe_place(draft: _Draft, action: Action) -> None:
 
 
 OPERATORS: dict[str, Callable[[_Draft, Action], None]] = {"grasp": _transcribe_grasp, "place": _transcribe_place}
-"""Geometric meaning of each operator of the domain: the mode switch that it makes, its mode parameters and their bounds."""
+"""Geometric meaning of each operator of the domain: the mode switch that it makes, its mode parameters and their
+bounds."""
 
 
 def _switch(draft: _Draft, n: int, attachment: int, resting: list[float]) -> None:
@@ -150,9 +152,13 @@ def transcribe(scene: Scene, actions: Sequence[Action], ignored: Sequence[str] =
     draft = _Draft(scene, [start], [[0] * N], grip=[[FINGER_OPEN, FINGER_OPEN]])
     for action in actions:
         if action.operator not in OPERATORS:
-            raise DvrError(f"operator '{action.operator}' has no geometric meaning; registered: {', '.join(OPERATORS)}.")
+            known = ", ".join(OPERATORS)
+            raise DvrError(f"operator '{action.operator}' has no geometric meaning; registered: {known}.")
         OPERATORS[action.operator](draft, action)
-    half = [(0, 0, item.height / 2, item.size[0]) if item.shape == "cylinder" else (*item.half_extents, 0) for item in scene.objects]  # noqa: E501
+    half = [
+        (0, 0, item.height / 2, item.size[0]) if item.shape == "cylinder" else (*item.half_extents, 0)
+        for item in scene.objects
+    ]
     assert len(draft.lower[0]) == PARAMETERS
 
     def floats(values: Sequence[object]) -> np.ndarray:

@@ -1,6 +1,8 @@
-"""What "feasible" means, defined once: the largest violation of each kind, in metres and radians, against its tolerance.
+"""What "feasible" means, defined once: the largest violation of each kind, in metres and radians, against its
+tolerance.
 
-Solver, data set, search and bench all use `measure_violations` and `is_feasible`. The largest single violation counts, never a
+Solver, data set, search and bench all use `measure_violations` and `is_feasible`. The largest single violation
+counts, never a
 sum of scaled terms: such a sum grows with the horizon.
 """
 
@@ -16,7 +18,8 @@ from dvr_jax.komo.problem import Problem, Variables
 from dvr_jax.robot.kinematics import load_arm
 
 POSITION_TOLERANCE = 1e-3
-"""Largest distance between the switched object's positions under the old and the new mode; also of mode parameters from their bounds [m]."""
+"""Largest distance between the switched object's positions under the old and the new mode; also of mode parameters
+from their bounds [m]."""
 ROTATION_TOLERANCE = 1e-2
 """Largest angle between the switched object's orientations [rad]."""
 PENETRATION_TOLERANCE = 1e-3

@@ -1,9 +1,13 @@
 """Closed-form inverse kinematics of a Panda arm, with the last joint's angle as the free parameter.
 
-The Panda's wrist is offset (a7 = 8.8 cm), so there is no spherical wrist; but once q7 is chosen, the centre O6 of joint 6 is known, and
-shoulder S, elbow O4 and O6 form a triangle with two known sides. What is left are two choices of two: which way the forearm folds about the
-line S - O6 (two roots of one trigonometric equation in q6) and which way the shoulder turns (q2 and -q2). Derived here from Franka's
-Denavit-Hartenberg table; the same decomposition is in He and Liu, "Analytical inverse kinematics for Franka Emika Panda", 2021.
+The Panda's wrist is offset (a7 = 8.8 cm), so there is no spherical wrist; but once q7 is chosen, the centre O6 of
+joint 6 is known, and
+shoulder S, elbow O4 and O6 form a triangle with two known sides. What is left are two choices of two: which way the
+forearm folds about the
+line S - O6 (two roots of one trigonometric equation in q6) and which way the shoulder turns (q2 and -q2). Derived
+here from Franka's
+Denavit-Hartenberg table; the same decomposition is in He and Liu, "Analytical inverse kinematics for Franka Emika
+Panda", 2021.
 """
 
 from __future__ import annotations
@@ -25,7 +29,8 @@ _SHOULDER_HEIGHT = 0.333
 _UPPER, _FOREARM, _ELBOW, _WRIST = 0.316, 0.384, 0.0825, 0.088
 """d3, d5, a4 and a7 of the Denavit-Hartenberg table [m]."""
 
-# In the plane of the triangle, with O4 as origin and (x3, z3) as axes: S lies at (-a4, -d3), and O6 at (-a4, d5) turned by q4.
+# In the plane of the triangle, with O4 as origin and (x3, z3) as axes: S lies at (-a4, -d3), and O6 at (-a4, d5)
+# turned by q4.
 _SIDE_UPPER = math.hypot(_UPPER, _ELBOW)
 _SIDE_FOREARM = math.hypot(_FOREARM, _ELBOW)
 _ANGLE_AT_ZERO = math.atan2(_FOREARM, -_ELBOW) - math.atan2(-_UPPER, -_ELBOW)
@@ -76,7 +81,8 @@ def arm_angles(arm: Array, R: Rotation, p: Vector, q7: Array) -> tuple[Array, Ar
     exists = jnp.abs(cosine) <= 1
     q4 = jnp.arccos(jnp.clip(cosine, -1, 1)) - _ANGLE_AT_ZERO
     c4, s4 = jnp.cos(q4), jnp.sin(q4)
-    # S - O6 in the plane: alpha along z5 (the forearm), beta along x4. O4 - O6 = a4 x4 - d5 z5; S - O4 = -a4 x3 - d3 z3,
+    # S - O6 in the plane: alpha along z5 (the forearm), beta along x4. O4 - O6 = a4 x4 - d5 z5; S - O4 = -a4 x3 - d3
+    # z3,
     # with x3 = c4 x4 - s4 z5 and z3 = s4 x4 + c4 z5.
     alpha = -_FOREARM + _ELBOW * s4 - _UPPER * c4
     beta = _ELBOW - _ELBOW * c4 - _UPPER * s4
@@ -131,7 +137,8 @@ def shift_gripper(q: Array, arm: Array, up: Array, distance: float) -> Array:
         up: (L,) True: up, False: back.
 
     Returns:
-        (L, 7): the solution nearest to ``q`` with the same last joint, or ``q`` itself where there is none within 1 rad.
+        (L, 7): the solution nearest to ``q`` with the same last joint, or ``q`` itself where there is none within 1
+        rad.
     """
     both = jnp.broadcast_to(q.T[:, None], (7, 2, q.shape[0]))
     hand_R, hand_p = hand_pose(*link_poses(both))

@@ -1,7 +1,9 @@
 """Forward kinematics of both arms, their joint screws, and their collision capsules.
 
-Notation: arm 0 is "left", arm 1 "right"; joints are 0..6; link frame i (1..7) moves with joints 0..i-1, link 0 is the base.
-Poses are tuples of component arrays (`dvr_jax.geometry.vectors`) of shape ``(2, L)``: arm, then slices. All constants are read from the compiled MuJoCo model
+Notation: arm 0 is "left", arm 1 "right"; joints are 0..6; link frame i (1..7) moves with joints 0..i-1, link 0 is the
+base.
+Poses are tuples of component arrays (`dvr_jax.geometry.vectors`) of shape ``(2, L)``: arm, then slices. All constants
+are read from the compiled MuJoCo model
 of the package's own ``panda.xml``, so model and optimiser cannot drift apart.
 """
 
@@ -43,7 +45,8 @@ class Arm:
     capsule_radii: np.ndarray
     """(C,) radii [m]."""
     capsule_finger_directions: np.ndarray
-    """(C, 3) direction in the link frame in which a finger's capsule moves as the gripper opens, zero for all others."""
+    """(C, 3) direction in the link frame in which a finger's capsule moves as the gripper opens, zero for all
+    others."""
 
     @property
     def number_of_capsules(self) -> int:
@@ -162,7 +165,8 @@ def _rotate_constant(R: Rotation, v: np.ndarray) -> Vector:
 
 
 def joint_screws(rotations: list[Rotation], positions: list[Vector]) -> Array:
-    """World twist of each joint at unit speed, ``(6, 2, 7, L)``: axis, then velocity of the point at the world's origin."""
+    """World twist of each joint at unit speed, ``(6, 2, 7, L)``: axis, then velocity of the point at the world's
+    origin."""
     rows: list[list[Array]] = [[] for _ in range(6)]
     for R, p in zip(rotations[1:], positions[1:], strict=True):
         for row, value in zip(rows, (*R[2], *cross(p, R[2])), strict=True):

@@ -127,10 +127,7 @@ def _draw_size(
     generator: np.random.Generator, distribution: SceneDistribution, is_goal: bool
 ) -> tuple[Shape, tuple[float, ...]]:
     shape: Shape
-    if distribution.shape == "mixed":
-        shape = "box" if generator.random() < 0.5 else "cylinder"
-    else:
-        shape = distribution.shape
+    shape = ("box" if generator.random() < 0.5 else "cylinder") if distribution.shape == "mixed" else distribution.shape
     height = generator.uniform(*distribution.height)
     if shape == "cylinder":
         return shape, (generator.uniform(*(distribution.goal_radius if is_goal else distribution.radius)), height)

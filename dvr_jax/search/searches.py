@@ -1,10 +1,13 @@
 """Breadth-first search and multi-bound tree search over the sequences of one scene.
 
-Both visit sequences in order of length and stop at the first whose path is accepted; both are complete up to K_max: they end without a solution
-only when every sequence has been refuted by some bound (or at the time limit). They differ in what they compute on the way:
+Both visit sequences in order of length and stop at the first whose path is accepted; both are complete up to K_max:
+they end without a solution
+only when every sequence has been refuted by some bound (or at the time limit). They differ in what they compute on
+the way:
 
 - *breadth-first* takes the sequence bound of every prefix;
-- *multi-bound* (Toussaint and Lopes 2017) prunes with the pose bound, whose verdicts many prefixes share, and takes the sequence bound along the
+- *multi-bound* (Toussaint and Lopes 2017) prunes with the pose bound, whose verdicts many prefixes share, and takes
+the sequence bound along the
   sequences that reach the goal only.
 """
 
@@ -28,7 +31,7 @@ SOLVED, EXHAUSTED, TIME_LIMIT = "solved", "tree exhausted", "time limit"
 REFINEMENTS = 1
 """How often the slices of a path are doubled when the check finds something between them."""
 
-BATCH = 16
+BATCH = 64
 """Prefixes judged between two looks at the clock."""
 
 

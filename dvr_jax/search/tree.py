@@ -1,6 +1,7 @@
 """The tree of action sequences of one scene, and the verdicts of its bounds, each computed once and kept.
 
-Bounds of a node, each a relaxation of the next, so that infeasible under one means infeasible under all that follow and for all descendants:
+Bounds of a node, each a relaxation of the next, so that infeasible under one means infeasible under all that follow
+and for all descendants:
 
 - *symbolic*: the goal can be reached within K_max actions; no action is refuted by a constant of the scene;
 - *pose*: the keyframes of the actions on one object alone, all other objects that have moved left out;
@@ -26,8 +27,8 @@ from dvr_jax.komo.engine import (
     refined_start,
     solve,
 )
-from dvr_jax.komo.particles import Particles
-from dvr_jax.komo.problem import Problem
+from dvr_jax.komo.particles import UNREACHABLE, Particles
+from dvr_jax.komo.problem import ABSENT, Problem
 from dvr_jax.komo.solver import Settings
 from dvr_jax.komo.transcription import refute, transcribe
 from dvr_jax.logic import Action, Grounding, ground_actions
@@ -41,6 +42,10 @@ STARTS = 4
 
 PATH_STARTS = 4
 """Keyframe solutions that the path NLP is started from, one after the other."""
+
+
+_PoseKey = tuple[tuple[Action, ...], tuple[str, ...]]
+"""Actions on one object, and the other objects that have moved meanwhile."""
 
 
 @dataclass(slots=True)
@@ -86,7 +91,7 @@ class SequenceTree:
         self.grounding: Grounding = ground_actions([item.name for item in scene.objects], scene.goal.object)
         self.counts = Counts()
         self._refuted = {action: refute(scene, action) for action in self.grounding.actions}
-        self._poses: dict[tuple[object, ...], Node] = {}
+        self._poses: dict[_PoseKey, Node] = {}
         self.root = Node((), self.grounding.initial_state, None, reaches_goal=False, feasible=True)
         self.root.particles = empty_prefix(len(scene.objects), k_max)
 
@@ -109,15 +114,16 @@ class SequenceTree:
 
     def judge_sequences(self, nodes: list[Node]) -> None:
         """Sequence bound of nodes whose parents have passed it."""
-        self._judge([node for node in nodes if node.feasible is None], "sequence", ())
+        unjudged = [node for node in nodes if node.feasible is None]
+        self._judge(unjudged, "sequence", [()] * len(unjudged))
 
     def judge_poses(self, nodes: list[Node]) -> list[bool]:
         """Pose bound of nodes: verdicts of their last object's own keyframes."""
-        keys = [self._pose_key(node) for node in nodes]
+        keys = [self._chain(node) for node in nodes]
         chains = {key: self._chain(node) for key, node in zip(keys, nodes, strict=True)}
         longest = max((len(chain) for chain, _ in chains.values()), default=0)
         for level in range(1, longest + 1):
-            fresh: dict[tuple[object, ...], Node] = {}
+            fresh: dict[_PoseKey, Node] = {}
             for chain, ignored in chains.values():
                 key = (chain[:level], ignored)
                 if len(chain) < level or key in self._poses:
@@ -127,60 +133,54 @@ class SequenceTree:
                     self._poses[key] = Node(chain[:level], 0, parent, False, feasible=False)
                     continue
                 fresh[key] = Node(chain[:level], 0, parent, False)
-            by_ignored: dict[object, list[Node]] = {}
-            for key, node in fresh.items():
-                by_ignored.setdefault(key[1], []).append(node)
-            for ignored_names, group in by_ignored.items():
-                self._judge(group, "pose", ignored_names)  # type: ignore[arg-type]
+            self._judge(list(fresh.values()), "pose", [ignored for _, ignored in fresh])
             self._poses.update(fresh)
         return [bool(self._poses[key].feasible) for key in keys]
 
-    def _pose_key(self, node: Node) -> tuple[object, ...]:
-        chain, ignored = self._chain(node)
-        return (chain, ignored)
-
-    def _chain(self, node: Node) -> tuple[tuple[Action, ...], tuple[str, ...]]:
+    def _chain(self, node: Node) -> _PoseKey:
         """Actions on the object of the node's last action, and the objects that others have moved meanwhile."""
         name = _object_of(node.actions[-1])
         chain = tuple(action for action in node.actions if _object_of(action) == name)
         moved = {_object_of(action) for action in node.actions} - {name}
         return chain, tuple(sorted(moved))
 
-    def _judge(self, nodes: list[Node], bound: str, ignored: tuple[str, ...]) -> None:
+    def _judge(self, nodes: list[Node], bound: str, ignored: list[tuple[str, ...]]) -> None:
+        """Verdicts on the keyframes of nodes, each with some objects left out; particles first, the NLP where they
+        prove nothing."""
         if not nodes:
             return
-        for node in nodes:
-            node.problem = transcribe(self.scene, node.actions, ignored)
-        parents = [self._particles_of(node, ignored) for node in nodes]
-        extended = extend_prefixes(parents, [node.problem for node in nodes], self.seed)  # type: ignore[misc]
-        open_nodes: dict[int, list[Node]] = {}
-        for node, particles in zip(nodes, extended, strict=True):
-            node.particles = particles
-            self.counts.verdicts[bound] += 1
-            if particles.violation.min() <= WITNESS:
-                node.feasible = True
-            else:
-                open_nodes.setdefault(node.depth, []).append(node)
-        for depth, group in open_nodes.items():
-            lanes = [(node, rank) for node in group for rank in range(STARTS)]
+        problems = [transcribe(self.scene, node.actions, names) for node, names in zip(nodes, ignored, strict=True)]
+        parents = [self._parent_particles(node, names) for node, names in zip(nodes, ignored, strict=True)]
+        extended = extend_prefixes(parents, problems, self.seed)
+        unproved: dict[int, list[Node]] = {}
+        for node, problem, particles in zip(nodes, problems, extended, strict=True):
+            node.problem, node.particles = problem, particles
+            node.feasible = bool(particles.violation.min() <= WITNESS)
+            if not node.feasible:
+                unproved.setdefault(node.depth, []).append(node)
+        for depth, group in unproved.items():
+            # Where inverse kinematics found nothing at all, more starts are no better than one.
+            lanes = [
+                (node, rank)
+                for node in group
+                for rank in range(STARTS if node.particles.violation.min() < UNREACHABLE else 1)  # type: ignore[union-attr]
+            ]
             starts = [keyframe_start(node.particles, rank, depth) for node, rank in lanes]  # type: ignore[arg-type]
             solutions = solve([node.problem for node, _ in lanes], starts, self.settings)  # type: ignore[misc]
             self.counts.nlps[bound] += len(lanes)
-            for node in group:
-                node.feasible = False
             for (node, _), solution in zip(lanes, solutions, strict=True):
                 if solution.feasible:
                     node.feasible = True
                     node.particles = adopt(node.particles, node.problem, solution)  # type: ignore[arg-type]
+        self.counts.verdicts[bound] += len(nodes)
         self.counts.feasible[bound] += sum(bool(node.feasible) for node in nodes)
 
-    def _particles_of(self, node: Node, ignored: tuple[str, ...]) -> Particles:
+    def _parent_particles(self, node: Node, ignored: tuple[str, ...]) -> Particles:
         assert node.parent is not None and node.parent.particles is not None
         particles = node.parent.particles
         if node.parent is self.root and ignored:
             kind = particles.kind.copy()
-            for name in ignored:
-                kind[self.scene.object_index(name)] = -1
+            kind[[self.scene.object_index(name) for name in ignored]] = ABSENT
             particles = particles._replace(kind=kind)
         return particles
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from dvr_jax.komo.constraints import PATH_SAMPLES
 from dvr_jax.komo.problem import FIXED, PLACED, Problem, Variables
 from dvr_jax.komo.transcription import transcribe
 from dvr_jax.logic import Action
@@ -74,8 +75,28 @@ class Case:
     def batch(self) -> int:
         return len(self.problems.half)
 
-    def phase(self, t: int) -> int:
-        return t // self.steps
+    @property
+    def samples(self) -> int:
+        """Samples of a slice at which distances are taken."""
+        return PATH_SAMPLES if self.steps > 1 else 1
+
+    @property
+    def number_of_samples(self) -> int:
+        """T' of the whole motion."""
+        return self.x.q.shape[1] * self.samples
+
+    def phase(self, sample: int) -> int:
+        return sample // (self.steps * self.samples)
+
+    def share(self, sample: int) -> float:
+        """How far a sample is from the slice before (0) to its own (1)."""
+        return (sample % self.samples + 1) / self.samples
+
+    def posture(self, b: int, sample: int) -> Floats:
+        """Joint angles (14,) on the straight line that starts at home."""
+        knots = np.concatenate([self.problems.home[b][None], self.x.q[b]])
+        t, share = sample // self.samples, self.share(sample)
+        return (1 - share) * knots[t] + share * knots[t + 1]
 
 
 def stack(problems: Sequence[Problem]) -> Problem:

@@ -51,13 +51,15 @@ class Replay:
         return [(site.xmat.reshape(3, 3).copy(), site.xpos.copy()) for site in sites]
 
     def openings(self, b: int, t: int) -> Floats:
-        """Of a phase; at its switch the wider of before and after, as `dvr_jax.komo.constraints` has it."""
+        """Of a phase; in the slice of its switch the wider of before and after, as `dvr_jax.komo.constraints` has
+        it."""
         before, after = self.case.problems.opening[b, self.case.phase(t) : self.case.phase(t) + 2]
-        return np.maximum(before, after) if (t + 1) % self.case.steps == 0 else before
+        switching = (t // self.case.samples + 1) % self.case.steps == 0
+        return np.maximum(before, after) if switching else before
 
     def go(self, b: int, t: int) -> None:
         case, qpos = self.case, self.data.qpos
-        qpos[self.layout.arm_joints] = case.x.q[b, t].reshape(2, 7)
+        qpos[self.layout.arm_joints] = case.posture(b, t).reshape(2, 7)
         qpos[self.layout.fingers] = self.openings(b, t)[:, None]
         mujoco.mj_kinematics(self.model, self.data)
         hands = self.hands()
@@ -74,7 +76,7 @@ class Replay:
 
     def measure(self, pairs: list[Names]) -> Floats:
         """(B, T, P)."""
-        B, T = self.case.x.q.shape[:2]
+        B, T = self.case.batch, self.case.number_of_samples
         values = np.zeros((B, T, len(pairs)))
         for b, t in product(range(B), range(T)):
             self.go(b, t)
@@ -83,7 +85,7 @@ class Replay:
 
     def faces(self, pairs: list[Names]) -> Floats:
         """(B, T, P): True where a flat face of either body is nearest."""
-        B, T = self.case.x.q.shape[:2]
+        B, T = self.case.batch, self.case.number_of_samples
         nearest = np.zeros((B, T, len(pairs)), bool)
         for b, t in product(range(B), range(T)):
             self.go(b, t)

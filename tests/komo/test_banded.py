@@ -17,10 +17,11 @@ def sample_system(phases: int, steps: int, seed: int = 0) -> BorderedSystem:
     half = generator.normal(size=(T, JOINTS, JOINTS))
     wide = generator.normal(size=(M, 2 * M))
     border = generator.normal(size=(T, JOINTS, M)) / np.sqrt(T)
-    coupling = generator.normal(size=(2, T, JOINTS)) if steps > 1 else None
+    near, far = generator.normal(size=(T, JOINTS, JOINTS)) / 4, generator.normal(size=(T, JOINTS))
     return BorderedSystem(
         diagonal=jnp.asarray(half @ half.swapaxes(1, 2) + 8 * np.eye(JOINTS)),
-        coupling=None if coupling is None else jnp.asarray(coupling),
+        coupling=jnp.asarray(near) if steps > 1 else None,
+        far_coupling=jnp.asarray(far) if steps > 1 else None,
         border=jnp.asarray(border),
         corner=jnp.asarray(wide @ wide.T + 30 * np.eye(M)),
         gradient_q=jnp.asarray(generator.normal(size=(T, JOINTS))),
@@ -29,20 +30,18 @@ def sample_system(phases: int, steps: int, seed: int = 0) -> BorderedSystem:
 
 
 def written_out(system: BorderedSystem) -> np.ndarray:
-    """The matrix of the module's docstring, entry by entry, lower triangle first."""
-    diagonal, border = np.asarray(system.diagonal), np.asarray(system.border)
-    coupling = None if system.coupling is None else np.asarray(system.coupling)
-    T, D, M = border.shape
+    """The matrix of the module's docstring, block by block, lower triangle first."""
+    T, D, M = system.border.shape
     H = np.zeros((T * D + M, T * D + M))
-    for t in range(T):
-        for i in range(D):
-            row = t * D + i
-            H[row, t * D : (t + 1) * D] = diagonal[t, i]
-            H[T * D :, row] = border[t, i]
-            for back in (1, 2):
-                if coupling is not None and t >= back:
-                    H[row, row - back * D] = coupling[back - 1, t, i]
     H[T * D :, T * D :] = system.corner
+    for t in range(T):
+        rows = slice(t * D, (t + 1) * D)
+        H[rows, rows] = system.diagonal[t]
+        H[T * D :, rows] = np.transpose(system.border[t])
+        if system.coupling is not None and t >= 1:
+            H[rows, (t - 1) * D : t * D] = system.coupling[t]
+        if system.far_coupling is not None and t >= 2:
+            H[rows, (t - 2) * D : (t - 1) * D] = np.diag(system.far_coupling[t])
     return np.tril(H) + np.tril(H, -1).T
 
 

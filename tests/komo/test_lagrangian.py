@@ -127,7 +127,9 @@ def second_differences(problem: Problem, q: Floats) -> Floats:
     return np.diff(np.concatenate([np.tile(problem.home, (2, 1)), q]), n=2, axis=0)
 
 
-@pytest.fixture(params=[0, 1, 2], ids=["handover", "place", "both"])
+# One point of each skeleton, where `capsule_prism` has converged in all rows that count (at point 2 of the path one
+# has not).
+@pytest.fixture(params=[0, 1, 5], ids=["handover", "place", "both"])
 def lagrangian(request: pytest.FixtureRequest, evaluated) -> Lagrangian:
     return Lagrangian(evaluated, request.param)
 

@@ -25,7 +25,7 @@ def model() -> mujoco.MjModel:
 def counted(evaluated) -> Floats:
     """(B, T, Po): whether an object row counts, by the rules that `dvr_jax.komo.contacts` documents."""
     case, names = evaluated.case, [object_body_name(item.name) for item in SCENE.objects]
-    B, T = case.x.q.shape[:2]
+    B, T = case.batch, case.number_of_samples
     counts = np.ones((B, T, len(object_pairs())), bool)
     for b, t in product(range(B), range(T)):
         kind = dict(zip(names, case.problems.attachment[b, case.phase(t)], strict=True))
@@ -118,7 +118,7 @@ def test_switches(model, evaluated) -> None:
     replay, case = Replay(model, evaluated.case), evaluated.case
     B, K = case.problems.switched_object.shape
     for b, k in product(range(B), range(K)):
-        replay.go(b, (k + 1) * case.steps - 1)
+        replay.go(b, (k + 1) * case.steps * case.samples - 1)
         n = case.problems.switched_object[b, k]
         (R_old, p_old), (R_new, p_new) = (pose_in_mode(case, b, phase, n, replay.hands()) for phase in (k, k + 1))
         np.testing.assert_allclose(evaluated.rows.switch[b, k, :3], p_old - p_new, atol=1e-12)
