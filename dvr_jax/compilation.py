@@ -11,7 +11,7 @@ import jax
 def keep_compiled_programs() -> None:
     """Turn on JAX's persistent compilation cache, unless the user has set one: `$XDG_CACHE_HOME/dvr_jax` or
     `~/.cache/dvr_jax`."""
-    if jax.config.read("jax_compilation_cache_dir") is not None:
+    if jax.config.values["jax_compilation_cache_dir"] is not None:
         return
     folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "dvr_jax"
     jax.config.update("jax_compilation_cache_dir", str(folder))

@@ -27,6 +27,7 @@ from dvr_jax.robot.kinematics import load_arm
 PENALTY = 20.0
 WEIGHTS = Weights(acceleration=0.7, distance=1.1, position=0.9, rotation=0.2, limit=0.4, parameter=1.2, rest=0.5)
 STEP = 1e-5
+RESIDUALS = jax.jit(residuals)
 OBJECT_PAIRS = slice(-3, None)
 """Rows of objects against objects: wrenches are inexact past corners (tests/geometry), so these stay inactive here."""
 
@@ -56,7 +57,7 @@ class Lagrangian:
 
     def constraints(self, x: Variables) -> Residuals:
         rows = self.rows([x])[0]
-        return jax.tree.map(np.asarray, residuals(self.problem, x, rows))
+        return jax.tree.map(np.asarray, RESIDUALS(self.problem, x, rows))
 
     def rows(self, points: list[Variables]) -> list[object]:
         """Rows of this problem at points, as many at a time as the compiled batch holds."""
@@ -99,7 +100,7 @@ class Lagrangian:
 
     def value(self, x: Variables, rows: object) -> float:
         """By the definition in the module's docstring, term by term."""
-        c = residuals(self.problem, x, rows)
+        c = RESIDUALS(self.problem, x, rows)
         total = np.sum(self.problem.attraction * (x.q - self.problem.reference) ** 2) / 2
         if self.S > 1:
             total += 0.5 * WEIGHTS.acceleration * np.sum(second_differences(self.problem, x.q) ** 2)
@@ -127,11 +128,11 @@ def second_differences(problem: Problem, q: Floats) -> Floats:
     return np.diff(np.concatenate([np.tile(problem.home, (2, 1)), q]), n=2, axis=0)
 
 
-# One point of each skeleton, where `capsule_prism` has converged in all rows that count (at point 2 of the path one
-# has not).
-@pytest.fixture(params=[0, 1, 5], ids=["handover", "place", "both"])
+@pytest.fixture(params=[0, 1, 2], ids=["handover", "place", "both"])
 def lagrangian(request: pytest.FixtureRequest, evaluated) -> Lagrangian:
-    return Lagrangian(evaluated, request.param)
+    """One point of each skeleton. The path's point 2 is passed over: it agrees only once `capsule_prism` has converged."""
+    lane = 5 if request.param == 2 and evaluated.case.steps > 1 else request.param
+    return Lagrangian(evaluated, lane)
 
 
 def test_accelerations_start_at_home_at_rest(path) -> None:
@@ -183,7 +184,7 @@ def test_gauss_newton_matrix(lagrangian: Lagrangian) -> None:
     assert 0.3 < share < 0.7
 
     def scaled(x: Variables, rows: object) -> Floats:
-        c = residuals(lagrangian.problem, x, rows)
+        c = RESIDUALS(lagrangian.problem, x, rows)
         parts = [np.ravel(np.sqrt(lagrangian.problem.attraction) * x.q)]
         if lagrangian.S > 1:
             parts.append(np.sqrt(WEIGHTS.acceleration) * np.ravel(second_differences(lagrangian.problem, x.q)))
