@@ -108,7 +108,7 @@ def point_prism(p: Vector, half: Prism) -> tuple[Array, Vector]:
 
 
 def capsule_prism(
-    a0: Vector, a1: Vector, radius: Array | float, R: Rotation, p: Vector, half: Prism, rounds: int = 3
+    a0: Vector, a1: Vector, radius: Array | float, R: Rotation, p: Vector, half: Prism, rounds: int = 6
 ) -> tuple[Array, Six]:
     """Signed distance and wrench of capsules to prisms with pose ``R, p``.
 
@@ -220,8 +220,9 @@ def prism_prism(
         m = normalize(v)
         w = add(center, subtract(prism_support(R_a, half_a, scale(-1.0, m)), prism_support(R_b, half_b, m)))
         value = dot(m, w)
-        better = value > separation
-        separation, normal, refined = jnp.maximum(value, separation), select(better, m, normal), refined | better
+        # Where the bodies overlap v shrinks to zero: that is no direction.
+        better = (value > separation) & (dot(v, v) > 1e-12)
+        separation, normal, refined = jnp.where(better, value, separation), select(better, m, normal), refined | better
         edge = subtract(v, w)
         v = subtract(v, scale(jnp.clip(dot(v, edge) / jnp.maximum(dot(edge, edge), TINY), 0, 1), edge))
         v, separation, normal, refined = materialize((v, separation, normal, refined))

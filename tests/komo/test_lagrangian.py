@@ -130,9 +130,8 @@ def second_differences(problem: Problem, q: Floats) -> Floats:
 
 @pytest.fixture(params=[0, 1, 2], ids=["handover", "place", "both"])
 def lagrangian(request: pytest.FixtureRequest, evaluated) -> Lagrangian:
-    """One point of each skeleton. The path's point 2 is passed over: it agrees only once `capsule_prism` has converged."""
-    lane = 5 if request.param == 2 and evaluated.case.steps > 1 else request.param
-    return Lagrangian(evaluated, lane)
+    """One point of each skeleton."""
+    return Lagrangian(evaluated, request.param)
 
 
 def test_accelerations_start_at_home_at_rest(path) -> None:
