@@ -1,4 +1,5 @@
 PYTHON ?= python3
+SCENE ?= data/scenes/two_boxes.json
 VENV ?= .venv
 BIN = $(VENV)/bin
 
@@ -12,7 +13,7 @@ $(VENV)/installed: pyproject.toml constraints.txt
 	touch $@
 
 plan: install
-	$(BIN)/python -m dvr_jax.plan data/scenes/figure1.json --out out/figure1
+	$(BIN)/python -m dvr_jax.plan $(SCENE) --out out/plan
 
 test: install
 	$(BIN)/python -m pytest -q

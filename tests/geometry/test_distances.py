@@ -178,12 +178,6 @@ def test_upright_cylinders_are_exact_beside_and_above_each_other() -> None:
     assert_equal(distances(prism_prism, first, second), expected)
 
 
-@pytest.mark.xfail(
-    strict=True,
-    raises=AssertionError,
-    reason="overlapping bodies with level centres have separation 0: Gilbert's v is then exactly zero, normalize(v) is "
-    "no unit vector, and its value of 0 wins in `maximum(value, separation)` over the true, negative separation",
-)
 @pytest.mark.parametrize("kind", ["box", "cylinder"])
 def test_bodies_on_one_level_are_exact(kind: str) -> None:
     """Two equal objects on the table: their centres have exactly the same height."""
