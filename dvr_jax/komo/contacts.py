@@ -46,8 +46,8 @@ upper arm and elbow of
 one arm cannot meet those of the other."""
 
 _SELF_PAIRS = ((slice(0, 1), _FOREARM_ON), (slice(1, 2), _WRIST_ON), (slice(2, 4), _FLANGE_ON))
-"""Rectangles of capsules of one arm: column against the forearm and beyond, upper arm against the wrist and beyond, elbow and
-forearm against the flange and beyond. All others are neighbours, or out of each other's reach within the joint limits."""
+"""Rectangles of capsules of one arm: column against the forearm and beyond, upper arm against the wrist and beyond,
+elbow and forearm against the flange and beyond. All others are neighbours, or out of reach within the joint limits."""
 
 _TABLE = _FOREARM_ON
 """Capsules that can reach the table; upper arm and elbow cannot within the joint limits."""
