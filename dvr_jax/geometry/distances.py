@@ -186,8 +186,7 @@ def prism_prism(
     directions in which two upright cylinders separate, and ``refinements`` further ones. It never exceeds the signed
     distance, so
     "apart" is always true; it equals it for boxes that touch or penetrate and where a face is nearest; past a corner
-    it is smaller but
-    of the same sign.
+    it is smaller. For boxes its sign is that of the distance; tilted cylinders up to 2 cm apart may seem to touch.
     """
     center = subtract(p_a, p_b)
     edges = [cross(R_a[i], R_b[j]) for i in range(3) for j in range(3)]

@@ -115,6 +115,8 @@ class _Proposed(NamedTuple):
     m: Array
     acting: tuple[Rotation, Vector]
     giving: tuple[Rotation, Vector] | None
+    overhang: Array | float = 0.0
+    """(M, B, J) by how much a placed object sticks out of its support [m]; it counts as violation."""
 
 
 def _uniform(key: Array, shape: tuple[int, ...], low: Array | float, high: Array | float, dtype: np.dtype) -> Array:
@@ -204,8 +206,11 @@ def _propose_place(key: Array, particles: Particles, step: Extension, shape: tup
     quarter = jnp.floor(4 * jax.random.uniform(keys[1], shape, dtype)) * (math.pi / 2)
     turn = jnp.where(jax.random.uniform(keys[2], shape, dtype) < 0.5, quarter, turn)
     c, s = jnp.abs(jnp.cos(turn)), jnp.abs(jnp.sin(turn))
-    room_x = jnp.maximum(support[3] - (c * half[0] + s * half[1] + half[3]), 0)
-    room_y = jnp.maximum(support[4] - (s * half[0] + c * half[1] + half[3]), 0)
+    spare_x = support[3] - (c * half[0] + s * half[1] + half[3])
+    spare_y = support[4] - (s * half[0] + c * half[1] + half[3])
+    room_x, room_y = jnp.maximum(spare_x, 0), jnp.maximum(spare_y, 0)
+    # An object that does not fit at this yaw sticks out on both sides: no witness of feasibility.
+    overhang = jnp.maximum(-spare_x, 0) + jnp.maximum(-spare_y, 0)
     u = _uniform(keys[3], (*shape, 2), -1.0, 1.0, dtype)
     along_x, along_y = u[..., 0] * room_x, u[..., 1] * room_y
     c, s = jnp.cos(support[2]), jnp.sin(support[2])
@@ -222,7 +227,7 @@ def _propose_place(key: Array, particles: Particles, step: Extension, shape: tup
     held_by, _ = _object_frame(particles, step)
     R_hand, p_hand, _, _ = grasp_frame(held_by, _of_item(particles.face_yaw, step))
     p = add((x, y, jnp.broadcast_to(half[2], x.shape)), rotate(R, p_hand))
-    return _Proposed(_stack((x, y, yaw, jnp.zeros_like(x))), (compose(R, R_hand), p), None)
+    return _Proposed(_stack((x, y, yaw, jnp.zeros_like(x))), (compose(R, R_hand), p), None, overhang)
 
 
 def _reach(key: Array, arm: Array, pose: tuple[Rotation, Vector], home: Array) -> tuple[Array, Array]:
@@ -280,7 +285,8 @@ def extend(particles: Particles, step: Extension, key: Array, case: str) -> Part
     q = jnp.concatenate([jnp.where(left, q_acting, q_other), jnp.where(left, q_other, q_acting)], axis=-1)
 
     # Distances only for the best by inverse kinematics.
-    total = cost + particles.violation[:, :, None]
+    overhang = jnp.broadcast_to(proposed.overhang, cost.shape)
+    total = cost + overhang + particles.violation[:, :, None]
     E = EVALUATED
     _, chosen = jax.lax.top_k(-total.reshape(M, B * J), E)
     parent = chosen // J
@@ -292,7 +298,7 @@ def extend(particles: Particles, step: Extension, key: Array, case: str) -> Part
     cost = gather(cost)[..., 0]
     attached = jnp.take_along_axis(particles.parameters, parent[..., None, None], axis=1)
     penetration = _penetration(particles, step, q, attached)
-    violation = jnp.where(cost >= UNREACHABLE, cost, penetration)
+    violation = jnp.where(cost >= UNREACHABLE, cost, penetration + gather(overhang)[..., 0])
     violation = violation + jnp.take_along_axis(particles.violation, parent, axis=1)
 
     # Keep the best, but give every parent its share: the k-th best child of one parent waits behind others.
@@ -300,6 +306,7 @@ def extend(particles: Particles, step: Extension, key: Array, case: str) -> Part
     by_violation = jnp.take_along_axis(parent, order, axis=1)
     same = by_violation[:, :, None] == by_violation[:, None, :]
     rank = (same & (jnp.arange(E)[None, :, None] > jnp.arange(E)[None, None, :])).sum(2)
+    # A grasp decides what can be reached later, so its variety is worth more penetration than a placement's [m].
     share = 0.01 if case != "place" else 0.003
     kept = jnp.take_along_axis(violation, order, axis=1) + share * rank.astype(dtype)
     _, best = jax.lax.top_k(-kept, B)
