@@ -1,16 +1,13 @@
 """Signed distances between capsules, prisms and the table plane, with the contact wrench of each.
 
 Shapes. A *capsule* is a segment with a radius. A *prism* stands for boxes and cylinders alike: half extents ``(hx,
-hy, hz, r)``, a box
-of half extents ``hx, hy, hz`` whose horizontal outline is rounded outwards by ``r``. A box has ``r = 0``, an upright
-cylinder
-``hx = hy = 0``. One formula serves both, so shapes are data and no branch is taken on them.
+hy, hz, r)``, a box of half extents ``hx, hy, hz`` whose horizontal outline is rounded outwards by ``r``. A box has
+``r = 0``, an upright cylinder ``hx = hy = 0``. One formula serves both, so shapes are data and no branch is taken on
+them.
 
 Every distance is positive apart and negative in penetration [m]. Each comes with a contact point ``c`` and a unit
-normal ``n`` (world
-frame, pointing from the second body to the first), returned as the *wrench* ``w = (c x n, n)`` about the world's
-origin. For twists
-``V1, V2`` of the two bodies
+normal ``n`` (world frame, pointing from the second body to the first), returned as the *wrench* ``w = (c x n, n)``
+about the world's origin. For twists ``V1, V2`` of the two bodies
 
     d(distance)/dt = w . (V1 - V2),
 
@@ -54,8 +51,7 @@ def capsule_capsule(
     """Signed distance and wrench of capsules with segment ends ``a0, a1`` and ``b0, b1``.
 
     Exact wherever the two segments do not cross. (Closest points of segments: Ericson, Real-Time Collision Detection,
-    sec. 5.1.9.)
-    """
+    sec. 5.1.9.)"""
     da, db, r = subtract(a1, a0), subtract(b1, b0), subtract(a0, b0)
     aa, bb, ab = dot(da, da), dot(db, db), dot(da, db)
     ar, br = dot(da, r), dot(db, r)
@@ -83,8 +79,7 @@ def capsule_plane(a0: Vector, a1: Vector, radius: Array | float) -> tuple[Array,
 def point_prism(p: Vector, half: Prism) -> tuple[Array, Vector]:
     """Signed distance and its gradient for points in the prism's own frame.
 
-    Exact outside and inside; the gradient is a unit vector, that of the nearest face where the point is inside.
-    """
+    Exact outside and inside; the gradient is a unit vector, that of the nearest face where the point is inside."""
     qx, qy = jnp.abs(p[0]) - half[0], jnp.abs(p[1]) - half[1]
     px, py = jnp.maximum(qx, 0), jnp.maximum(qy, 0)
     rho = jnp.sqrt(px * px + py * py)
@@ -113,14 +108,10 @@ def capsule_prism(
     """Signed distance and wrench of capsules to prisms with pose ``R, p``.
 
     The distance of a point to a convex body is convex along the segment, so its minimum is bracketed by the sign of
-    the slope:
-    ``rounds`` pairs of one false-position and one bisection step, and one more false position. Outside, the slope of
-    the squared
-    distance to a box is piecewise linear and false position ends on its root exactly. An error e in the position on
-    the segment costs the
-    order of e^2 in the distance. Where the capsule's *axis* enters the prism, the depth is that of the axis' deepest
-    point.
-    """
+    the slope: ``rounds`` pairs of one false-position and one bisection step, and one more false position. Outside,
+    the slope of the squared distance to a box is piecewise linear and false position ends on its root exactly. An
+    error e in the position on the segment costs the order of e^2 in the distance. Where the capsule's *axis* enters
+    the prism, the depth is that of the axis' deepest point."""
     b0 = rotate_back(R, subtract(a0, p))
     b0, d = materialize((b0, subtract(rotate_back(R, subtract(a1, p)), b0)))
 
@@ -182,12 +173,10 @@ def prism_prism(
     """Separation and wrench of two prisms.
 
     The separation is the largest gap over the separating axes of two boxes (Gottschalk 1996: 6 face normals, 9 edge
-    products), the
-    directions in which two upright cylinders separate, and ``refinements`` further ones. It never exceeds the signed
-    distance, so
-    "apart" is always true; it equals it for boxes that touch or penetrate and where a face is nearest; past a corner
-    it is smaller. For boxes its sign is that of the distance; tilted cylinders up to 2 cm apart may seem to touch.
-    """
+    products), the directions in which two upright cylinders separate, and ``refinements`` further ones. It never
+    exceeds the signed distance, so "apart" is always true; it equals it for boxes that touch or penetrate and where a
+    face is nearest; past a corner it is smaller. For boxes its sign is that of the distance; tilted cylinders up to 2
+    cm apart may seem to touch."""
     center = subtract(p_a, p_b)
     edges = [cross(R_a[i], R_b[j]) for i in range(3) for j in range(3)]
     # Two upright cylinders separate along the line between their axes.
@@ -212,8 +201,7 @@ def prism_prism(
     normal: Vector = (chosen(n[0], best), chosen(n[1], best), chosen(n[2], best))
 
     # Gilbert's iteration toward the point of the difference body A - B nearest to the origin: each direction that it
-    # visits is
-    # one more candidate axis. Corners and the curved side of tilted cylinders need it.
+    # visits is one more candidate axis. Corners and the curved side of tilted cylinders need it.
     v, refined = center, jnp.zeros(separation.shape, bool)
     for _ in range(refinements):
         m = normalize(v)

@@ -1,15 +1,11 @@
 """Three-vectors and rotations as *tuples of component arrays* over an arbitrary batch shape.
 
 Notation: a `Vector` is ``(x, y, z)``, a `Rotation` the tuple of its three columns, a `Wrench` or `Twist` six arrays.
-All arrays of
-one value broadcast against each other; the batch ends with an axis over many slices or pairs.
+All arrays of one value broadcast against each other; the batch ends with an axis over many slices or pairs.
 
 Structure of arrays, because XLA's CPU backend fuses and vectorises elementwise arithmetic on long trailing axes,
-while an axis of
-length three in the middle costs a concatenation per cross product (measured on 60 slices of 81 capsule pairs: 0.18 ms
-against 0.31 ms,
-forward kinematics 0.17 ms against 0.65 ms).
-"""
+while an axis of length three in the middle costs a concatenation per cross product (measured on 60 slices of 81
+capsule pairs: 0.18 ms against 0.31 ms, forward kinematics 0.17 ms against 0.65 ms)."""
 
 from __future__ import annotations
 
@@ -35,12 +31,9 @@ def materialize(value: _Tree) -> _Tree:
     """``value``, computed once and kept.
 
     XLA's CPU backend fuses a cheap elementwise producer into each of its consumers and computes it anew in all of
-    them; along a
-    chain (seven joints, a bracketing search) work and compile time multiply at every link. A call that must not be
-    inlined ends the chain
-    (forward kinematics of 60 slices: 0.94 ms without, 0.10 ms with; `optimization_barrier` is removed too early to
-    help).
-    """
+    them; along a chain (seven joints, a bracketing search) work and compile time multiply at every link. A call that
+    must not be inlined ends the chain (forward kinematics of 60 slices: 0.94 ms without, 0.10 ms with;
+    `optimization_barrier` is removed too early to help)."""
     with set_xla_metadata(inlineable="false"):
         return jax.jit(_identity)(value)
 
@@ -121,9 +114,8 @@ def half_rotation_vector(R: Rotation) -> tuple[Array, Vector]:
     ``2 v`` has length ``2 sin(angle / 2)``: it equals the rotation vector to third order.
     """
     # w = cos(angle / 2), and the antisymmetric part of R is 2 sin(angle) axis = 4 w v. Close to a half turn w goes to
-    # zero and the
-    # quotient loses digits, so w is bounded below; v is then too short (the verdict takes the angle itself,
-    # `rotation_angle`).
+    # zero and the quotient loses digits, so w is bounded below; v is then too short (the verdict takes the angle
+    # itself, `rotation_angle`).
     w = 0.5 * jnp.sqrt(jnp.maximum(1 + R[0][0] + R[1][1] + R[2][2], 0.01))
     return w, scale(1 / (4 * w), _antisymmetric(R))
 

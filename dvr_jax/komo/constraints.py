@@ -1,10 +1,8 @@
 """All constraint rows of a batch of NLPs at given variables, in metres and radians, with structured Jacobians.
 
 Every Jacobian is assembled from twists in closed form: a contact wrench times the joints' screws, never by
-differentiating a whole
-slice (which costs 35 to 150 times the evaluation). Geometry is computed for all L = B T slices of B problems side by
-side.
-"""
+differentiating a whole slice (which costs 35 to 150 times the evaluation). Geometry is computed for all L = B T
+slices of B problems side by side."""
 
 from __future__ import annotations
 
@@ -35,8 +33,7 @@ from dvr_jax.robot.kinematics import capsule_segments, hand_pose, joint_screws, 
 
 PATH_SAMPLES = 3
 """Samples of a slice at which a path's distances are taken: at the slice and evenly between it and the one before, on
-a straight line
-in joint space. With the slices alone a finger hops over an object's edge between two of them."""
+a straight line in joint space. With the slices alone a finger hops over an object's edge between two of them."""
 
 
 def samples_of(T: int, K: int) -> int:
@@ -67,8 +64,7 @@ class Rows(NamedTuple):
 
     distance: Array
     """(B, T', P) signed distances [m] at T' = T M samples, M of each slice, feasible where >= 0: arm rows, then
-    object rows
-    (`dvr_jax.komo.contacts`)."""
+    object rows (`dvr_jax.komo.contacts`)."""
     switch: Array
     """(B, K, 6) pose of the switched object under the old mode minus that under the new: position [m], twice the
     quaternion's vector part (the rotation vector [rad] to third order)."""
@@ -87,8 +83,7 @@ def _phases_to_slices(value: Array, T: int) -> Array:
 
 def _openings(problem: Problem, T: int, M: int) -> Array:
     """Finger openings of both arms at each of T samples, ``(2, B T)``: in the M samples of a switch's slice the wider
-    of before and after it, so that fingers that
-    open as they let go find room."""
+    of before and after it, so that fingers that open as they let go find room."""
     B, K, _ = problem.resting.shape
     before, after = problem.opening[:, :-1], problem.opening[:, 1:]
     switching = jnp.arange(T).reshape(K, T // K) % (T // K) >= T // K - M

@@ -10,9 +10,7 @@ against the table;
   object against object.
 
 A row that does not count in a slice (an object and the hand that holds it, two objects that stand where the scene has
-them, an absent
-object) has the distance `FAR` and a zero wrench.
-"""
+them, an absent object) has the distance `FAR` and a zero wrench."""
 
 from __future__ import annotations
 
@@ -42,8 +40,7 @@ _FOREARM_ON, _WRIST_ON, _FLANGE_ON, _ALL = slice(3, 9), slice(4, 9), slice(5, 9)
 
 _CROSS_PAIRS = ((_FOREARM_ON, slice(1, 9)), (slice(1, 3), _FOREARM_ON))
 """Rectangles of capsules (left arm's, right arm's). With bases 1.2 m apart no column is in the other arm's reach, and
-upper arm and elbow of
-one arm cannot meet those of the other."""
+upper arm and elbow of one arm cannot meet those of the other."""
 
 _SELF_PAIRS = ((slice(0, 1), _FOREARM_ON), (slice(1, 2), _WRIST_ON), (slice(2, 4), _FLANGE_ON))
 """Rectangles of capsules of one arm: column against the forearm and beyond, upper arm against the wrist and beyond,
@@ -98,8 +95,7 @@ def capsule_moves() -> np.ndarray:
 @lru_cache(maxsize=8)
 def object_signs(number_of_objects: int) -> tuple[np.ndarray, np.ndarray]:
     """Of the object rows: (14, Po) how the arm's joints move the capsule, and (N, Po) +1 where object n is the first
-    body of the row, -1
-    where it is the second."""
+    body of the row, -1 where it is the second."""
     N, capsules = number_of_objects, 2 * len(_CAPSULES)
     pairs = list(combinations(range(N), 2))
     rows = N * capsules + N + len(pairs)

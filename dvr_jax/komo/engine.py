@@ -2,9 +2,7 @@
 compiled.
 
 The interface between search (lists of Python objects) and the compiled code (stacked arrays). Each function's result
-for one prefix does not
-depend on what else is in the list.
-"""
+for one prefix does not depend on what else is in the list."""
 
 from __future__ import annotations
 
@@ -227,8 +225,8 @@ def path_problem(problem: Problem, start: Variables) -> Problem:
 
 def _clear_postures(problem: Problem, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Joint angles (K, 14) shortly before and after each switch: a gripper that comes to grasp or has let go is
-    `CLEARANCE` back along its
-    approach, one that holds something that stands before or after the switch is as much higher."""
+    `CLEARANCE` back along its approach, one that holds something that stands before or after the switch is as much
+    higher."""
     K = len(q)
     coming, going = q.copy(), q.copy()
     tasks: list[tuple[np.ndarray, int, int, bool]] = []

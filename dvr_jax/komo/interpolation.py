@@ -1,10 +1,8 @@
 """From the slices of a solved path to a motion of the whole scene at ten times their rate.
 
 Joints run through the slices as monotone cubics (PCHIP), which keep an arm that rests between two slices at rest, so
-fingers open and close
-in that interval. Held objects are carried rigidly by the mode transforms of the NLP, placed with MuJoCo's own
-kinematics.
-"""
+fingers open and close in that interval. Held objects are carried rigidly by the mode transforms of the NLP, placed
+with MuJoCo's own kinematics."""
 
 from __future__ import annotations
 

@@ -1,9 +1,7 @@
 """Kinematic modes: where an object is, given the grippers and the mode parameters, and how it moves with them.
 
 A grasp's parameters place the gripper in the object's frame, ``T_object_hand``; a place's parameters place the object
-in the world,
-``T_world_object``. Arrays end with (object, slice) axes ``(N, L)``.
-"""
+in the world, ``T_world_object``. Arrays end with (object, slice) axes ``(N, L)``."""
 
 from __future__ import annotations
 
@@ -61,10 +59,8 @@ def grasp_frame(m: tuple[Array, Array, Array, Array], face_yaw: Array) -> tuple[
     """Gripper in the object's frame: rotation, centre, and cosine and sine of the closing axis' yaw.
 
     The closing axis (hand y) is the face's outward normal n, ``u = z x n`` its horizontal tangent; the approach (hand
-    z) is
-    ``sin(pitch) u - cos(pitch) z``; the centre is ``m0 u + m1 z``, in the object's middle between the fingers as a
-    parallel gripper takes it.
-    """
+    z) is ``sin(pitch) u - cos(pitch) z``; the centre is ``m0 u + m1 z``, in the object's middle between the fingers
+    as a parallel gripper takes it."""
     phi = face_yaw + m[3]
     c, s = jnp.cos(phi), jnp.sin(phi)
     zero = jnp.zeros_like(c)

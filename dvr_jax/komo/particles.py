@@ -1,14 +1,13 @@
 """Starts for the keyframe NLP: particles that are extended action by action along the tree of sequences.
 
 The NLP has local minima (which way the elbow points, from which side the gripper comes, where on the table an object
-is put), and one
-start near the home posture misses most feasible problems. So every prefix of a sequence keeps a few dozen
+is put), and one start near the home posture misses most feasible problems. So every prefix of a sequence keeps a few
+dozen
 *particles*: joint
 angles at each switch and mode parameters that meet all switch constraints exactly, by closed-form inverse kinematics,
-ranked by how deep
-things penetrate. A child's particles are sampled from its parent's: proposals of mode parameters, inverse kinematics,
-distances, the
-best kept with a share for every parent. Sequences with a common prefix share its particles.
+ranked by how deep things penetrate. A child's particles are sampled from its parent's: proposals of mode parameters,
+inverse kinematics, distances, the best kept with a share for every parent. Sequences with a common prefix share its
+particles.
 
 Particles propose, the NLP decides: no verdict is taken here.
 """
@@ -234,8 +233,7 @@ def _reach(key: Array, arm: Array, pose: tuple[Rotation, Vector], home: Array) -
     """Best inverse kinematics for gripper poses (M, B, J): angles (M, B, J, 7) and a cost, `UNREACHABLE` where there
     is none.
 
-    The best lies nearest to the home posture, which keeps clear of joint limits and leaves the elbow up.
-    """
+    The best lies nearest to the home posture, which keeps clear of joint limits and leaves the elbow up."""
     shape = pose[1][0].shape
     dtype = pose[1][0].dtype
     n = LAST_JOINT_SAMPLES

@@ -1,14 +1,11 @@
 """The nonlinear program of one skeleton as arrays, and its decision variables.
 
 A skeleton of K actions has K phases; action k (0..K-1) is the mode switch at the end of phase k. With S steps a phase
-there are
-T = K S slices; slice t = 0..T-1 lies in phase t // S, and t = k S + S - 1 is the slice of switch k. S = 1 gives the
-keyframes.
+there are T = K S slices; slice t = 0..T-1 lies in phase t // S, and t = k S + S - 1 is the slice of switch k. S = 1
+gives the keyframes.
 
 Skeletons are *data*: two problems with the same K, S and number of objects N differ in the entries of these arrays
-only, so
-they share one compilation and can be stacked along a leading axis.
-"""
+only, so they share one compilation and can be stacked along a leading axis."""
 
 from __future__ import annotations
 
@@ -18,14 +15,12 @@ from jax import Array
 
 ABSENT, FIXED, PLACED, HELD_LEFT, HELD_RIGHT = -1, 0, 1, 2, 3
 """How an object is attached during a phase: not there at all (a relaxation), where the scene has it, where an action
-placed it, in the
-left or the right gripper."""
+placed it, in the left or the right gripper."""
 
 PARAMETERS = 4
 """Mode parameters of an action. Grasp: offset along the face's horizontal tangent [m], offset along the object's axis
-[m], pitch
-of the approach about the closing axis [rad] (0: straight down), yaw of the closing axis [rad] (cylinders only).
-Place: x, y [m], yaw [rad] of the object in the world; the fourth is pinned to zero."""
+[m], pitch of the approach about the closing axis [rad] (0: straight down), yaw of the closing axis [rad] (cylinders
+only). Place: x, y [m], yaw [rad] of the object in the world; the fourth is pinned to zero."""
 
 
 class Variables(NamedTuple):

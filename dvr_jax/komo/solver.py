@@ -1,13 +1,9 @@
 """Augmented-Lagrangian Gauss-Newton: many NLPs of the same shape at once, in chunks of iterations.
 
 One iteration evaluates all rows with Jacobians at the trial point, accepts it if the augmented Lagrangian fell (else
-the damping
-grows), and solves the banded Gauss-Newton system for the next trial point. When the steps of a subproblem have become
-small,
-multipliers are updated and the penalty grows if the violation did not fall enough. Every lane carries a status;
-nothing is
-raised under jit, and a lane that has ended no longer changes.
-"""
+the damping grows), and solves the banded Gauss-Newton system for the next trial point. When the steps of a subproblem
+have become small, multipliers are updated and the penalty grows if the violation did not fall enough. Every lane
+carries a status; nothing is raised under jit, and a lane that has ended no longer changes."""
 
 from __future__ import annotations
 

@@ -2,9 +2,7 @@
 tolerance.
 
 Solver, data set, search and bench all use `measure_violations` and `is_feasible`. The largest single violation
-counts, never a
-sum of scaled terms: such a sum grows with the horizon.
-"""
+counts, never a sum of scaled terms: such a sum grows with the horizon."""
 
 from __future__ import annotations
 

@@ -1,14 +1,10 @@
 """Closed-form inverse kinematics of a Panda arm, with the last joint's angle as the free parameter.
 
 The Panda's wrist is offset (a7 = 8.8 cm), so there is no spherical wrist; but once q7 is chosen, the centre O6 of
-joint 6 is known, and
-shoulder S, elbow O4 and O6 form a triangle with two known sides. What is left are two choices of two: which way the
-forearm folds about the
-line S - O6 (two roots of one trigonometric equation in q6) and which way the shoulder turns (q2 and -q2). Derived
-here from Franka's
-Denavit-Hartenberg table; the same decomposition is in He and Liu, "Analytical inverse kinematics for Franka Emika
-Panda", 2021.
-"""
+joint 6 is known, and shoulder S, elbow O4 and O6 form a triangle with two known sides. What is left are two choices
+of two: which way the forearm folds about the line S - O6 (two roots of one trigonometric equation in q6) and which
+way the shoulder turns (q2 and -q2). Derived here from Franka's Denavit-Hartenberg table; the same decomposition is in
+He and Liu, "Analytical inverse kinematics for Franka Emika Panda", 2021."""
 
 from __future__ import annotations
 
@@ -82,8 +78,7 @@ def arm_angles(arm: Array, R: Rotation, p: Vector, q7: Array) -> tuple[Array, Ar
     q4 = jnp.arccos(jnp.clip(cosine, -1, 1)) - _ANGLE_AT_ZERO
     c4, s4 = jnp.cos(q4), jnp.sin(q4)
     # S - O6 in the plane: alpha along z5 (the forearm), beta along x4. O4 - O6 = a4 x4 - d5 z5; S - O4 = -a4 x3 - d3
-    # z3,
-    # with x3 = c4 x4 - s4 z5 and z3 = s4 x4 + c4 z5.
+    # z3, with x3 = c4 x4 - s4 z5 and z3 = s4 x4 + c4 z5.
     alpha = -_FOREARM + _ELBOW * s4 - _UPPER * c4
     beta = _ELBOW - _ELBOW * c4 - _UPPER * s4
 

@@ -1,11 +1,9 @@
 """Forward kinematics of both arms, their joint screws, and their collision capsules.
 
 Notation: arm 0 is "left", arm 1 "right"; joints are 0..6; link frame i (1..7) moves with joints 0..i-1, link 0 is the
-base.
-Poses are tuples of component arrays (`dvr_jax.geometry.vectors`) of shape ``(2, L)``: arm, then slices. All constants
-are read from the compiled MuJoCo model
-of the package's own ``panda.xml``, so model and optimiser cannot drift apart.
-"""
+base. Poses are tuples of component arrays (`dvr_jax.geometry.vectors`) of shape ``(2, L)``: arm, then slices. All
+constants are read from the compiled MuJoCo model of the package's own ``panda.xml``, so model and optimiser cannot
+drift apart."""
 
 from __future__ import annotations
 

@@ -1,9 +1,8 @@
 """Breadth-first search and multi-bound tree search over the sequences of one scene.
 
 Both visit sequences in order of length and stop at the first whose path is accepted; both are complete up to K_max:
-they end without a solution
-only when every sequence has been refuted by some bound (or at the time limit). They differ in what they compute on
-the way:
+they end without a solution only when every sequence has been refuted by some bound (or at the time limit). They
+differ in what they compute on the way:
 
 - *breadth-first* takes the sequence bound of every prefix;
 - *multi-bound* (Toussaint and Lopes 2017) prunes with the pose bound, whose verdicts many prefixes share, and takes
