@@ -1,8 +1,7 @@
-"""All constraint rows of a batch of NLPs at given variables, in metres and radians, with structured Jacobians.
+"""All constraint rows of a batch of NLPs at given variables, in metres and radians.
 
-Every Jacobian is assembled from twists in closed form: a contact wrench times the joints' screws, never by
-differentiating a whole slice (which costs 35 to 150 times the evaluation). Geometry is computed for all L = B T
-slices of B problems side by side."""
+Distances are taken slice by slice (`dvr_jax.komo.slices`); mode switches and footprints concern a problem's K switch
+slices only and are computed here, with their Jacobians in closed form."""
 
 from __future__ import annotations
 
@@ -12,24 +11,19 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from dvr_jax.geometry.distances import Prism
 from dvr_jax.geometry.vectors import (
     Rotation,
     Vector,
-    add,
     compose,
     cross,
     half_rotation_vector,
     materialize,
     rotation_angle,
-    scale,
-    subtract,
     transpose,
 )
-from dvr_jax.komo.contacts import Distances, arm_signs, measure_distances, object_signs
-from dvr_jax.komo.modes import Attachment, ObjectPoses, object_poses
+from dvr_jax.komo.modes import Attachment, object_poses
 from dvr_jax.komo.problem import Problem, Variables
-from dvr_jax.robot.kinematics import capsule_segments, hand_pose, joint_screws, link_poses
+from dvr_jax.komo.slices import Slices
 
 PATH_SAMPLES = 3
 """Samples of a slice at which a path's distances are taken: at the slice and evenly between it and the one before, on
@@ -41,30 +35,11 @@ def samples_of(T: int, K: int) -> int:
     return PATH_SAMPLES if T > K else 1
 
 
-class Jacobians(NamedTuple):
-    """Derivatives of the rows with respect to the joint angles *at the sample* and the mode parameters; see `Rows`."""
-
-    arm_q: Array
-    """(B, T', 14, Pa) of the arm rows' distances."""
-    object_q: Array
-    """(B, T', 14, Po) of the object rows' distances."""
-    object_m: Array
-    """(B, T', 4 N, Po) of the object rows' distances with respect to the mode parameters that each object depends
-    on."""
-    switch_q: Array
-    """(B, K, 6, 14)."""
-    switch_m: Array
-    """(B, K, 6, 2, 4) with respect to the parameters of the old and of the new mode."""
-    footprint_m: Array
-    """(B, K, 4, 4)."""
-
-
 class Rows(NamedTuple):
     """Constraint residuals of B problems."""
 
     distance: Array
-    """(B, T', P) signed distances [m] at T' = T M samples, M of each slice, feasible where >= 0: arm rows, then
-    object rows (`dvr_jax.komo.contacts`)."""
+    """(B, T', P) signed distances [m] at T' = T M samples, M of each slice, feasible where >= 0."""
     switch: Array
     """(B, K, 6) pose of the switched object under the old mode minus that under the new: position [m], twice the
     quaternion's vector part (the rotation vector [rad] to third order)."""
@@ -75,10 +50,21 @@ class Rows(NamedTuple):
     grasp)."""
 
 
+class Slopes(NamedTuple):
+    """Derivatives of switches and footprints."""
+
+    switch_q: Array
+    """(B, K, 6, 14)."""
+    switch_m: Array
+    """(B, K, 6, 2, 4) with respect to the parameters of the old and of the new mode."""
+    footprint_m: Array
+    """(B, K, 4, 4)."""
+
+
 def _phases_to_slices(value: Array, T: int) -> Array:
-    """Per-phase values of objects or arms ``(B, K, N)`` for each slice: ``(N, B T)``."""
-    B, K, N = value.shape
-    return jnp.repeat(value.transpose(2, 0, 1), T // K, axis=2).reshape(N, B * T)
+    """Per-phase values of objects ``(..., B, K, N)`` for each slice: ``(..., N, B T)``."""
+    *_, B, K, N = value.shape
+    return jnp.repeat(jnp.moveaxis(value, -1, -3), T // K, axis=-1).reshape(*value.shape[:-3], N, B * T)
 
 
 def _openings(problem: Problem, T: int, M: int) -> Array:
@@ -96,21 +82,22 @@ def _attach(problem: Problem, m: Array, kind: Array, by: Array, of: Array | None
     all of them."""
 
     def of_action(value: Array) -> Array:
-        B = value.shape[0]
-        return jnp.take_along_axis(value, by.reshape(B, -1), axis=1).reshape(by.shape)
+        """(..., B, K) to (..., B, J, N')."""
+        index = jnp.broadcast_to(by.reshape(by.shape[0], -1), (*value.shape[:-1], by[0].size))
+        return jnp.take_along_axis(value, index, axis=-1).reshape(*value.shape[:-1], *by.shape[1:])
 
     def of_object(value: Array) -> Array:
-        return (
-            jnp.broadcast_to(value[:, None], kind.shape)
-            if of is None
-            else jnp.take_along_axis(value, of[..., 0], axis=1)[..., None]
-        )
+        """(..., B, N) to (..., B, J, N')."""
+        if of is None:
+            return jnp.broadcast_to(value[..., None, :], (*value.shape[:-1], *kind.shape[1:]))
+        index = jnp.broadcast_to(of[..., 0], (*value.shape[:-1], of.shape[1]))
+        return jnp.take_along_axis(value, index, axis=-1)[..., None]
 
     return Attachment(
         kind=kind,
-        parameters=tuple(of_action(m[..., i]) for i in range(4)),
+        parameters=of_action(jnp.moveaxis(m, -1, 0)),
         face_yaw=of_action(problem.face_yaw),
-        initial=tuple(of_object(problem.initial_pose[..., i]) for i in range(4)),
+        initial=of_object(jnp.moveaxis(problem.initial_pose, -1, 0)),
         half_height=of_object(problem.half[..., 2]),
     )
 
@@ -124,79 +111,37 @@ def sample_path(problem: Problem, q: Array, samples: int) -> Array:
     return (before[:, :, None] + share * (q - before)[:, :, None]).reshape(q.shape[0], -1, q.shape[2])
 
 
-def evaluate(problem: Problem, x: Variables) -> tuple[Rows, Jacobians]:
-    """All rows of B problems at ``x`` (every leaf has a leading axis B). Jacobians that are not used cost nothing
-    under jit."""
+def lay_out(problem: Problem, x: Variables) -> Slices:
+    """The samples of B problems (every leaf has a leading axis B) as L = B T' slices."""
     B, T = x.q.shape[:2]
-    K, N = x.m.shape[1], problem.half.shape[1]
-    M = samples_of(T, K)
-    T = T * M
-    L = B * T
-    q = jnp.moveaxis(sample_path(problem, x.q, M).reshape(L, 2, 7), (0, 1, 2), (2, 1, 0))
-    rotations, positions = link_poses(q)
-    a, b = materialize(capsule_segments(rotations, positions, _openings(problem, T, M)))
-    hand_R, hand_p = materialize(hand_pose(rotations, positions))
-    screws = materialize(joint_screws(rotations, positions)).reshape(6, 14, L)
-
+    M = samples_of(T, x.m.shape[1])
+    T *= M
     attached = _attach(problem, x.m, problem.attachment[:, :-1], problem.attached_by[:, :-1])
-    attached = materialize(jax.tree.map(lambda value: _phases_to_slices(value, T), attached))
-    objects = materialize(object_poses(attached, hand_R, hand_p))
-    half: Prism = tuple(jnp.repeat(problem.half[..., i].T, T, axis=1) for i in range(4))  # type: ignore[assignment]
-    distances = materialize(measure_distances(a, b, objects, half, attached.kind))
+    return Slices(
+        q=jnp.moveaxis(sample_path(problem, x.q, M).reshape(B * T, 2, 7), (0, 1, 2), (2, 1, 0)),
+        opening=_openings(problem, T, M),
+        attached=jax.tree.map(lambda value: _phases_to_slices(value, T), attached),
+        half=jnp.repeat(problem.half.transpose(2, 1, 0), T, axis=2),
+    )
 
-    last = slice(T // K - 1, None, T // K)
+
+def collect(
+    problem: Problem, x: Variables, distance: Array, hand_R: Rotation, hand_p: Vector, screws: Array
+) -> tuple[Rows, Slopes]:
+    """All rows of B problems from what `measure` says of their L slices."""
+    B, K = x.m.shape[:2]
+    distance = distance.reshape(B, -1, distance.shape[-1])
+    T = distance.shape[1]
 
     def at_switch(value: Array) -> Array:
-        """(2, L) to (2, B K)."""
-        return value.reshape(2, B, T)[:, :, last].reshape(2, B * K)
+        """(..., L) to (..., B K)."""
+        return value.reshape(*value.shape[:-1], B, T)[..., T // K - 1 :: T // K].reshape(*value.shape[:-1], B * K)
 
-    R_switch: Rotation = tuple(tuple(at_switch(v) for v in column) for column in hand_R)  # type: ignore[assignment]
-    p_switch: Vector = (at_switch(hand_p[0]), at_switch(hand_p[1]), at_switch(hand_p[2]))
-    screws_switch = screws.reshape(6, 14, B, T)[..., last].reshape(6, 14, B * K)
-    switch, angle, switch_q, switch_m = _switch_rows(problem, x.m, R_switch, p_switch, screws_switch)
-
-    switched = jnp.take_along_axis(problem.half, problem.switched_object[..., None], axis=1)
-    each_footprint = jax.vmap(jax.vmap(_footprint))
-    each_slope = jax.vmap(jax.vmap(jax.jacfwd(_footprint)))
-    placing = problem.is_grasp[..., None] <= 0
-    footprint = jnp.where(placing, each_footprint(x.m, switched, problem.support), -1)
-    footprint_m = jnp.where(placing[..., None], each_slope(x.m, switched, problem.support), 0)
-
-    distance = jnp.concatenate([distances.arm, distances.object]).T.reshape(B, T, -1)
-    arm_q, object_q, object_m = _distance_jacobians(distances, screws, objects, N)
-    rows = Rows(distance, switch, angle, footprint)
-    return materialize((rows, Jacobians(
-        arm_q.reshape(B, T, 14, -1), object_q.reshape(B, T, 14, -1), object_m.reshape(B, T, 4 * N, -1),
-        switch_q, switch_m, footprint_m,
-    )))  # fmt: skip
-
-
-def _times(columns: Array, wrench: Array) -> Array:
-    """Wrenches ``(L, 6, P)`` times twist columns ``(L, 6, C)``: ``(L, C, P)``; a sum of six products fuses, a batched
-    dot does not."""
-    return sum(columns[:, i, :, None] * wrench[:, i, None, :] for i in range(6))  # type: ignore[return-value]
-
-
-def _distance_jacobians(
-    distances: Distances, screws: Array, objects: ObjectPoses, N: int
-) -> tuple[Array, Array, Array]:
-    dtype = screws.dtype
-    S, arm_wrench, wrench = materialize(
-        (screws.transpose(2, 0, 1), distances.arm_wrench.transpose(2, 0, 1), distances.object_wrench.transpose(2, 0, 1))
+    switch, angle, switch_q, switch_m = _switch_rows(
+        problem, x.m, *(at_switch(value) for value in (hand_R, hand_p, screws))
     )
-    arm_q = jnp.asarray(arm_signs(), dtype) * _times(S, arm_wrench)
-    joints, role = object_signs(N)
-    L, _, _P = wrench.shape
-    held = jnp.stack([jnp.where(h, 1, 0).astype(dtype).T for h in objects.held], axis=1)
-    by_object = (held[..., None] * jnp.asarray(role, dtype)).sum(2)
-    sign = materialize(jnp.asarray(joints, dtype) + jnp.repeat(by_object, 7, axis=1))
-    object_q = sign * _times(S, wrench)
-    columns = jnp.stack(
-        [jnp.stack([jnp.concatenate([t[part][i] for t in objects.twists]) for i in range(3)]) for part in range(2)]
-    )
-    columns = materialize(columns.reshape(6, 4 * N, L).transpose(2, 0, 1))
-    object_m = jnp.asarray(jnp.tile(role, (4, 1)), dtype) * _times(columns, wrench)
-    return arm_q, object_q, object_m
+    footprint, footprint_m = _footprints(problem, x.m)
+    return Rows(distance, switch, angle, footprint), Slopes(switch_q, switch_m, footprint_m)
 
 
 def _switch_rows(
@@ -206,47 +151,61 @@ def _switch_rows(
     B, K = m.shape[:2]
     of = problem.switched_object[..., None]
 
-    def pose(phases: slice) -> ObjectPoses:
+    def attach(phases: slice) -> Attachment:
         kind = jnp.take_along_axis(problem.attachment[:, phases], of, axis=2)
         by = jnp.take_along_axis(problem.attached_by[:, phases], of, axis=2)
-        attached = jax.tree.map(lambda v: v.reshape(1, B * K), _attach(problem, m, kind, by, of))
-        return object_poses(attached, hand_R, hand_p)
+        return jax.tree.map(lambda v: v.reshape(*v.shape[:-3], 1, B * K), _attach(problem, m, kind, by, of))
 
-    old, new = pose(slice(0, K)), pose(slice(1, K + 1))
-    old, new, screws = materialize((old, new, screws))
-    difference = materialize(compose(old.R, transpose(new.R)))
-    w, v = half_rotation_vector(difference)
-    residual = jnp.stack([*subtract(old.p, new.p), *scale(2.0, v)])
+    # The object before and after the switch, as two objects of one slice.
+    old, new = attach(slice(0, K)), attach(slice(1, K + 1))
+    both = materialize(jax.tree.map(lambda a, b: jnp.concatenate([a, b], axis=-2), old, new))
+    objects = materialize(object_poses(both, hand_R, hand_p))
+    difference = materialize(compose(objects.R[:, :, 0], transpose(objects.R[:, :, 1])))
+    w, v = materialize(half_rotation_vector(difference))
+    residual = jnp.concatenate([objects.p[:, 0] - objects.p[:, 1], 2 * v])
 
-    def velocity(angular: Vector, linear: Vector, p: Vector, sign: float) -> Array:
-        """(6, J, B K) change of the residual with a twist: of the point p, and of 2 v by a turn on its left or right
-        side."""
-        turned = add(scale(w, angular), scale(sign, cross(angular, v)))
-        return jnp.stack([*add(linear, cross(angular, p)), *turned])
-
-    axes, at_origin = (screws[0], screws[1], screws[2]), (screws[3], screws[4], screws[5])
-    held_old, held_new = (jnp.repeat(jnp.concatenate(pose.held).astype(w.dtype), 7, axis=0) for pose in (old, new))
-    switch_q = held_old * velocity(axes, at_origin, old.p, 1.0) - held_new * velocity(axes, at_origin, new.p, -1.0)
-    switch_m = jnp.stack(
-        [
-            sign * jnp.concatenate([velocity(angular, linear, pose.p, sign) for angular, linear in pose.twists], axis=1)
-            for pose, sign in ((old, 1.0), (new, -1.0))
-        ],
-        axis=1,
-    )
+    # The residual's change with a twist of the old pose and of the new one: of the point p, and of 2 v by a turn on
+    # its left or right side.
+    held = jnp.repeat(objects.held.astype(m.dtype), screws.shape[1] // 2, axis=0)
+    columns = jnp.concatenate([screws[:, :, None] * held, objects.twists], axis=1)
+    columns = materialize(columns)
+    angular, linear = columns[:3], columns[3:]
+    side = jnp.asarray([1.0, -1.0], m.dtype)[:, None]
+    moved = linear + cross(angular, objects.p[:, None])
+    turned = w * angular + side * cross(angular, v[:, None, None])
+    change = materialize(side * jnp.concatenate([moved, turned]))
     return (
         residual.reshape(6, B, K).transpose(1, 2, 0),
         rotation_angle(difference).reshape(B, K),
-        switch_q.reshape(6, 14, B, K).transpose(2, 3, 0, 1),
-        switch_m.reshape(6, 2, 4, B, K).transpose(3, 4, 0, 1, 2),
+        change[:, :14].sum(2).reshape(6, 14, B, K).transpose(2, 3, 0, 1),
+        change[:, 14:].reshape(6, 4, 2, B, K).transpose(3, 4, 0, 2, 1),
     )
 
 
-def _footprint(m: Array, half: Array, support: Array) -> Array:
-    """How far a placed prism's footprint sticks out of the support's four sides [m], ``(4,)``."""
-    c, s = jnp.cos(support[2]), jnp.sin(support[2])
-    dx, dy = m[0] - support[0], m[1] - support[1]
-    along = jnp.stack([c * dx + s * dy, c * dy - s * dx])
-    cos_yaw, sin_yaw = jnp.abs(jnp.cos(m[2] - support[2])), jnp.abs(jnp.sin(m[2] - support[2]))
-    extent = jnp.stack([cos_yaw * half[0] + sin_yaw * half[1], sin_yaw * half[0] + cos_yaw * half[1]]) + half[3]
-    return jnp.concatenate([along + extent - support[3:], extent - along - support[3:]])
+def _footprints(problem: Problem, m: Array) -> tuple[Array, Array]:
+    """How far placed prisms' footprints stick out of their supports' four sides [m], ``(B, K, 4)``, and the
+    derivatives ``(B, K, 4, 4)``."""
+    half = jnp.take_along_axis(problem.half, problem.switched_object[..., None], axis=1)
+    support = problem.support
+    c, s = jnp.cos(support[..., 2]), jnp.sin(support[..., 2])
+    dx, dy = m[..., 0] - support[..., 0], m[..., 1] - support[..., 1]
+    along = jnp.stack([c * dx + s * dy, c * dy - s * dx], axis=-1)
+    turn = m[..., 2] - support[..., 2]
+    cosine, sine = jnp.cos(turn), jnp.sin(turn)
+    side, front = half[..., 0], half[..., 1]
+    extent = jnp.stack(
+        [jnp.abs(cosine) * side + jnp.abs(sine) * front, jnp.abs(sine) * side + jnp.abs(cosine) * front], axis=-1
+    )
+    extent += half[..., 3, None]
+    zero = jnp.zeros_like(c)
+    # |cos|' = -sin sign(cos), |sin|' = cos sign(sin).
+    fall, rise = -sine * jnp.sign(cosine), cosine * jnp.sign(sine)
+    widening = jnp.stack([fall * side + rise * front, rise * side + fall * front], axis=-1)
+    along_m = jnp.stack([jnp.stack([c, s], axis=-1), jnp.stack([-s, c], axis=-1)], axis=-2)
+    widening_m = jnp.stack([widening, jnp.stack([zero, zero], axis=-1)], axis=-1)
+    value = jnp.concatenate([along + extent, extent - along], axis=-1) - jnp.tile(support[..., 3:], 2)
+    slope = jnp.concatenate(
+        [jnp.concatenate([along_m, -along_m], axis=-2), jnp.concatenate([widening_m, widening_m], axis=-2)], axis=-1
+    )
+    placing = problem.is_grasp[..., None] <= 0
+    return jnp.where(placing, value, -1), jnp.where(placing[..., None], slope, 0)

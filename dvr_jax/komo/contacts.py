@@ -66,18 +66,10 @@ class Distances(NamedTuple):
 @lru_cache(maxsize=1)
 def arm_signs() -> np.ndarray:
     """(14, Pa): how joint k moves the first body of an arm row minus how it moves the second (+1, 0, -1)."""
-    moves = capsule_moves()
-    columns = []
-    for left, right in _CROSS_PAIRS:
-        for i in range(left.start, left.stop):
-            columns += [moves[:, 0, i] - moves[:, 1, j] for j in range(right.start, right.stop)]
-    for near, far in _SELF_PAIRS:
-        for arm in range(2):
-            for i in range(near.start, near.stop):
-                columns += [moves[:, arm, i] - moves[:, arm, j] for j in range(far.start, far.stop)]
-    for arm in range(2):
-        columns += [moves[:, arm, i] for i in range(_TABLE.start, _TABLE.stop)]
-    return np.stack(columns, axis=1)
+    moves = capsule_moves().reshape(2 * NUMBER_OF_JOINTS, -1)
+    first, second = _pairs()
+    on_table = capsule_moves()[:, :, _TABLE].reshape(2 * NUMBER_OF_JOINTS, -1)
+    return np.concatenate([moves[:, first] - moves[:, second], on_table], axis=1)
 
 
 @lru_cache(maxsize=1)
@@ -115,101 +107,72 @@ def number_of_rows(number_of_objects: int) -> int:
     return arm_signs().shape[1] + object_signs(number_of_objects)[1].shape[1]
 
 
-def _flat(distance: Array, wrench: Six, shape: tuple[int, int]) -> tuple[Array, list[Array]]:
-    """Rows of a rectangle of pairs as (p, L)."""
-    L = distance.shape[-1]
-
-    def flatten(x: Array) -> Array:
-        return jnp.broadcast_to(x, (*shape, L)).reshape(-1, L)
-
-    return flatten(distance), [flatten(component) for component in wrench]
-
-
-def _arm_rows(a: Vector, b: Vector) -> tuple[Array, Array]:
-    radii = load_arm().capsule_radii
+def _pairs() -> tuple[np.ndarray, np.ndarray]:
+    """Capsules (arm times C plus number) of all pairs of the arm rows."""
     C = len(_CAPSULES)
-    first: list[tuple[int, int]] = []
-    second: list[tuple[int, int]] = []
+    pairs = []
     for left, right in _CROSS_PAIRS:
-        pairs = [(i, j) for i in range(left.start, left.stop) for j in range(right.start, right.stop)]
-        first += [(0, i) for i, _ in pairs]
-        second += [(1, j) for _, j in pairs]
+        pairs += [(i, C + j) for i in range(left.start, left.stop) for j in range(right.start, right.stop)]
     for near, far in _SELF_PAIRS:
-        for arm in range(2):
-            pairs = [(i, j) for i in range(near.start, near.stop) for j in range(far.start, far.stop)]
-            first += [(arm, i) for i, _ in pairs]
-            second += [(arm, j) for _, j in pairs]
-    i, j = (np.array([arm * C + c for arm, c in side]) for side in (first, second))
-
-    def pick(v: Vector, index: np.ndarray) -> Vector:
-        return tuple(x.reshape(2 * C, -1)[index] for x in v)  # type: ignore[return-value]
-
-    ends = materialize((pick(a, i), pick(b, i), pick(a, j), pick(b, j)))
-    both = np.tile(radii, 2).astype(a[0].dtype)[:, None]
-    distance, wrench = capsule_capsule(ends[0], ends[1], both[i], ends[2], ends[3], both[j])
-    groups = [(distance, list(wrench))]
-    table = np.array([arm * C + c for arm in range(2) for c in range(_TABLE.start, _TABLE.stop)])
-    distance, wrench = capsule_plane(pick(a, table), pick(b, table), both[table])
-    groups.append((distance, [jnp.broadcast_to(component, distance.shape) for component in wrench]))
-    return _concatenate(groups)
+        for arm in (0, C):
+            pairs += [(arm + i, arm + j) for i in range(near.start, near.stop) for j in range(far.start, far.stop)]
+    first, second = np.array(pairs).T
+    return first, second
 
 
-def _concatenate(groups: list[tuple[Array, list[Array]]]) -> tuple[Array, Array]:
-    distance = jnp.concatenate([group[0] for group in groups])
-    return distance, jnp.stack([jnp.concatenate([group[1][i] for group in groups]) for i in range(6)])
+def _arm_rows(a: Vector, b: Vector) -> tuple[Array, Six]:
+    C, L = len(_CAPSULES), a.shape[-1]
+    both = np.tile(load_arm().capsule_radii, 2).astype(a.dtype)[:, None]
+    a, b = a.reshape(3, 2 * C, L), b.reshape(3, 2 * C, L)
+    i, j = _pairs()
+    between = capsule_capsule(*materialize((a[:, i], b[:, i])), both[i], *materialize((a[:, j], b[:, j])), both[j])
+    on_table = np.array([arm * C + c for arm in range(2) for c in range(_TABLE.start, _TABLE.stop)])
+    return _concatenate([between, capsule_plane(a[:, on_table], b[:, on_table], both[on_table])])
 
 
-def _object_rows(a: Vector, b: Vector, objects: ObjectPoses, half: Prism, kind: Array) -> tuple[Array, Array]:
-    dtype = a[0].dtype
+def _concatenate(groups: list[tuple[Array, Six]]) -> tuple[Array, Six]:
+    """Rows of groups (p, L) with wrenches (6, p, L), one after the other."""
+    distances, wrenches = zip(*materialize(groups), strict=True)
+    return jnp.concatenate(distances), jnp.concatenate(wrenches, axis=1)
+
+
+def _object_rows(a: Vector, b: Vector, objects: ObjectPoses, half: Prism, kind: Array) -> tuple[Array, Six]:
     N, L = kind.shape
     C = len(_CAPSULES)
-
-    def capsules(v: Vector) -> Vector:
-        return tuple(x.reshape(1, 2 * C, L) for x in v)  # type: ignore[return-value]
-
-    def each(x: Array) -> Array:
-        return x[:, None]
-
-    R: Rotation = tuple(tuple(each(x) for x in column) for column in objects.R)  # type: ignore[assignment]
-    p: Vector = (each(objects.p[0]), each(objects.p[1]), each(objects.p[2]))
-    shape: Prism = (each(half[0]), each(half[1]), each(half[2]), each(half[3]))
-    radii = np.tile(load_arm().capsule_radii, 2)[None, :, None].astype(dtype)
-    distance, wrench = capsule_prism(capsules(a), capsules(b), radii, R, p, shape)
+    radii = np.tile(load_arm().capsule_radii, 2)[:, None].astype(a.dtype)
+    distance, wrench = capsule_prism(
+        a.reshape(3, 1, 2 * C, L), b.reshape(3, 1, 2 * C, L), radii,
+        objects.R[:, :, :, None], objects.p[:, :, None], half[:, :, None],
+    )  # fmt: skip
     holds = np.array([name in HOLDING_CAPSULES for name in _CAPSULES])
-    touching = [each(objects.held[arm]) & np.pad(holds, (arm * C, (1 - arm) * C))[None, :, None] for arm in range(2)]
-    ignored = touching[0] | touching[1] | each(kind == ABSENT)
-    groups = [_masked(distance, wrench, ignored, (N, 2 * C))]
-
-    distance, wrench = prism_plane(objects.R, objects.p, half)
-    groups.append(
-        _masked(each(distance), tuple(each(x) for x in wrench), ~each(objects.held[0] | objects.held[1]), (N, 1))
-    )
+    touching = [objects.held[arm][:, None] & np.pad(holds, (arm * C, (1 - arm) * C))[:, None] for arm in range(2)]
+    ignored = touching[0] | touching[1] | (kind == ABSENT)[:, None]
+    distance, wrench = _masked(distance, wrench, ignored)
+    groups = [(distance.reshape(-1, L), wrench.reshape(6, -1, L))]
+    groups.append(_masked(*prism_plane(objects.R, objects.p, half), ~objects.held.any(0)))
     if N > 1:
         i, j = np.array(list(combinations(range(N), 2))).T
 
         def pick(index: np.ndarray) -> tuple[Rotation, Vector, Prism]:
-            R_i = tuple(tuple(x[index] for x in column) for column in objects.R)
-            return R_i, tuple(x[index] for x in objects.p), tuple(x[index] for x in half)  # type: ignore[return-value]
+            return objects.R[:, :, index], objects.p[:, index], half[:, index]
 
-        distance, wrench = prism_prism(*pick(i), *pick(j))
         absent, fixed = kind == ABSENT, kind == FIXED
         ignored = absent[i] | absent[j] | (fixed[i] & fixed[j])
-        groups.append(_masked(each(distance), tuple(each(x) for x in wrench), each(ignored), (len(i), 1)))
+        groups.append(_masked(*prism_prism(*materialize((*pick(i), *pick(j)))), ignored))
     return _concatenate(groups)
 
 
-def _masked(distance: Array, wrench: Six, ignored: Array, shape: tuple[int, int]) -> tuple[Array, list[Array]]:
-    clear: Six = tuple(jnp.where(ignored, 0, component) for component in wrench)  # type: ignore[assignment]
-    return _flat(jnp.where(ignored, FAR, distance), clear, shape)
+def _masked(distance: Array, wrench: Six, ignored: Array) -> tuple[Array, Six]:
+    return jnp.where(ignored, FAR, distance), jnp.where(ignored, 0, wrench)
 
 
 def measure_distances(a: Vector, b: Vector, objects: ObjectPoses, half: Prism, kind: Array) -> Distances:
     """Distances and wrenches of all rows in L slices.
 
     Args:
-        a, b: ends of the capsules, components (2, C, L).
-        objects: poses, components (N, L).
-        half: shapes of the objects, components (N, L).
+        a, b: ends of the capsules, (3, 2, C, L).
+        objects: poses, batch axes (N, L).
+        half: (4, N, L) shapes of the objects.
         kind: (N, L) how each object is attached.
     """
     return Distances(*_arm_rows(a, b), *_object_rows(a, b, objects, half, kind))

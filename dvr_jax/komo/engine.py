@@ -17,18 +17,14 @@ from scipy.interpolate import PchipInterpolator
 
 from dvr_jax.komo.particles import Extension, Particles, case_of, extend, no_particles
 from dvr_jax.komo.problem import HELD_LEFT, Problem, Variables
-from dvr_jax.komo.solver import FEASIBLE, RUNNING, Settings, iterate, start
+from dvr_jax.komo.solver import CHUNK, FEASIBLE, RUNNING, Settings, iterate, lay_out_trial, start
+from dvr_jax.komo.verdict import Violations
 from dvr_jax.robot.inverse_kinematics import shift_gripper
 
 EXTENSION_LANES = (16, 64)
 """Numbers of prefixes that the extension of particles is compiled for."""
-KEYFRAME_LANES = (16, 64)
-"""Numbers of lanes that the solver of keyframes is compiled for."""
-PATH_LANES = (1,)
-"""Numbers of lanes that the solver of paths is compiled for."""
-
-CHUNK = 10
-"""Iterations between two looks at which lanes have ended."""
+PATH_LANES = 1
+"""Paths that are solved side by side."""
 
 NEAR_SWITCH = 0.3
 """Share of a phase next to a switch in which the path is drawn to its start."""
@@ -121,66 +117,61 @@ def extend_prefixes(parents: Sequence[Particles], problems: Sequence[Problem], s
 
 
 def solve(problems: Sequence[Problem], starts: Sequence[Variables], settings: Settings) -> list[Solved]:
-    """Solve NLPs of one shape from one start each."""
-    results: list[Solved] = []
-    is_path = bool(starts) and starts[0].q.shape[0] > starts[0].m.shape[0]
-    sizes = PATH_LANES if is_path else KEYFRAME_LANES
-    for piece, lanes in _chunks(len(problems), sizes):
-        results += _solve_lanes([problems[i] for i in piece], [starts[i] for i in piece], settings, lanes, sizes)
-    return results
+    """Solve NLPs of one shape from one start each.
 
-
-def _solve_lanes(
-    problems: list[Problem], starts: list[Variables], settings: Settings, lanes: int, sizes: tuple[int, ...]
-) -> list[Solved]:
+    Lanes are filled again as soon as they end, so that the slow ones (most infeasible problems) hold nobody up."""
+    if not problems:
+        return []
+    T, K = len(starts[0].q), len(starts[0].m)
+    lanes = PATH_LANES if T > K else CHUNK // K
+    waiting = list(range(len(problems)))[::-1]
     results: list[Solved | None] = [None] * len(problems)
-    alive = list(range(len(problems)))
-    padded = alive + [0] * (lanes - len(alive))
-    batch: Problem = jax.tree.map(jnp.asarray, stack([problems[i] for i in padded]))
-    x = jax.tree.map(jnp.asarray, stack([starts[i] for i in padded]))
-    settings = jax.tree.map(
-        lambda value: np.asarray(value, x.q.dtype if isinstance(value, float) else np.int32), settings
-    )
-    states = start(batch, x, settings)
-    if lanes > len(alive):
-        # Padding lanes have ended from the beginning.
-        ended = jnp.arange(lanes) >= len(alive)
-        states = states._replace(status=jnp.where(ended, FEASIBLE, states.status))
+    owner = [waiting.pop() if waiting else None for _ in range(lanes)]
+    settings = jax.tree.map(lambda value: np.asarray(value, float if isinstance(value, float) else np.int32), settings)
+    batch: Problem = stack([problems[i or 0] for i in owner])
+    states = start(batch, stack([starts[i or 0] for i in owner]), settings)
+    states.status[:] = [FEASIBLE if i is None else RUNNING for i in owner]
+    chunks = lay_out_trial(batch, states)
     while True:
-        states = iterate(batch, settings, states, np.int32(CHUNK))
+        states, chunks = iterate(batch, settings, states, chunks)
         status = np.asarray(states.status)
-        done = [lane for lane in range(len(alive)) if status[lane] != RUNNING]
-        if done:
-            _collect(states, alive, done, results)
-        keep = [lane for lane in range(len(alive)) if status[lane] == RUNNING]
-        if not keep:
-            return results  # type: ignore[return-value]
-        fewer = _lanes(len(keep), sizes)
-        if fewer < lanes:
-            # Most lanes of a batch are infeasible and slow: go on in a smaller program without the ended ones.
-            index = np.array(keep + [keep[0]] * (fewer - len(keep)))
-            states, batch = jax.tree.map(lambda leaf, index=index: leaf[index], (states, batch))
-            ended = jnp.arange(fewer) >= len(keep)
-            states = states._replace(status=jnp.where(ended, FEASIBLE, states.status))
-            alive, lanes = [alive[lane] for lane in keep], fewer
-
-
-def _collect(states: Any, alive: list[int], done: list[int], results: list[Solved | None]) -> None:
-    x, violations = jax.tree.map(np.asarray, (states.x, states.violations))
-    ratio = np.asarray(states.violations.ratio())
-    for lane in done:
-        if results[alive[lane]] is not None:
+        ended = [lane for lane, i in enumerate(owner) if i is not None and status[lane] != RUNNING]
+        if not ended:
             continue
-        status = int(states.status[lane])
-        results[alive[lane]] = Solved(
-            feasible=status == FEASIBLE,
-            ratio=float(ratio[lane]),
-            violations={name: float(value[lane]) for name, value in violations._asdict().items()},
-            q=x.q[lane],
-            m=x.m[lane],
-            iterations=int(states.iterations[lane]),
-            status=status,
-        )
+        final = jax.tree.map(np.asarray, (states.x, states.violations, states.iterations))
+        for lane in ended:
+            i = owner[lane]
+            assert i is not None
+            results[i] = _solved(*jax.tree.map(lambda leaf, lane=lane: leaf[lane], final), int(status[lane]))
+            owner[lane] = waiting.pop() if waiting else None
+        refilled = [lane for lane in ended if owner[lane] is not None]
+        if refilled:
+            states, batch = jax.tree.map(np.array, (states, batch))
+            fresh = [(problems[i], starts[i]) for i in (owner[lane] for lane in refilled) if i is not None]
+            new_problems, new_starts = stack([p for p, _ in fresh]), stack([x for _, x in fresh])
+            _assign(batch, refilled, new_problems)
+            _assign(states, refilled, start(new_problems, new_starts, settings))
+            chunks = lay_out_trial(batch, states)
+        elif all(i is None for i in owner):
+            return results  # type: ignore[return-value]
+
+
+def _assign(target: Any, lanes: list[int], values: Any) -> None:
+    """Overwrite some lanes of a tree of NumPy arrays."""
+    for leaf, value in zip(jax.tree.leaves(target), jax.tree.leaves(values), strict=True):
+        leaf[lanes] = value
+
+
+def _solved(x: Variables, violations: Violations, iterations: np.ndarray, status: int) -> Solved:
+    return Solved(
+        feasible=status == FEASIBLE,
+        ratio=float(violations.ratio()),
+        violations={name: float(value) for name, value in violations._asdict().items()},
+        q=np.array(x.q),
+        m=np.array(x.m),
+        iterations=int(iterations),
+        status=status,
+    )
 
 
 def keyframe_start(prefix: Particles, rank: int, K: int) -> Variables:

@@ -16,8 +16,9 @@ import numpy as np
 from jax import Array
 
 from dvr_jax.komo.banded import BorderedSystem
-from dvr_jax.komo.constraints import Jacobians, Rows, samples_of
+from dvr_jax.komo.constraints import Rows, Slopes, samples_of
 from dvr_jax.komo.problem import PARAMETERS, Problem, Variables
+from dvr_jax.komo.slices import Reduced
 from dvr_jax.komo.verdict import rest_steps
 from dvr_jax.robot.kinematics import load_arm
 
@@ -87,11 +88,6 @@ def residuals(problem: Problem, x: Variables, rows: Rows) -> Residuals:
     )
 
 
-def zero_multipliers(c: Residuals) -> Multipliers:
-    """Multipliers to start from."""
-    return Multipliers(*(jnp.zeros_like(value) for value in c))
-
-
 def penalties(weights: Weights, penalty: Array, dtype: jnp.dtype) -> Residuals:
     """Penalty of each kind of row; the switch rows' is ``(6,)``."""
     switch = jnp.repeat(jnp.stack([jnp.asarray(weights.position, dtype), jnp.asarray(weights.rotation, dtype)]), 3)
@@ -114,7 +110,7 @@ def update_multipliers(multipliers: Multipliers, c: Residuals, p: Residuals) -> 
     return Multipliers(*updated)
 
 
-def _forces(multipliers: Multipliers, c: Residuals, p: Residuals) -> tuple[Residuals, Residuals, Array]:
+def forces(multipliers: Multipliers, c: Residuals, p: Residuals) -> tuple[Residuals, Residuals, Array]:
     """Per row: derivative of the Lagrangian with respect to it, its curvature (the penalty where active), and the
     total."""
     forces, curvatures, total = [], [], jnp.zeros((), c.switch.dtype)
@@ -142,7 +138,7 @@ def augmented_value(
     problem: Problem, x: Variables, c: Residuals, multipliers: Multipliers, p: Residuals, weights: Weights
 ) -> Array:
     """The augmented Lagrangian at ``x`` with constraint rows ``c``."""
-    _, _, value = _forces(multipliers, c, p)
+    _, _, value = forces(multipliers, c, p)
     value += 0.5 * jnp.sum(problem.attraction * (x.q - problem.reference) ** 2)
     if x.q.shape[0] > x.m.shape[0]:
         value += 0.5 * weights.acceleration * jnp.sum(accelerations(problem, x.q) ** 2)
@@ -150,37 +146,41 @@ def augmented_value(
 
 
 def gauss_newton_system(
-    problem: Problem, x: Variables, c: Residuals, J: Jacobians, multipliers: Multipliers, p: Residuals, weights: Weights
+    problem: Problem,
+    x: Variables,
+    distances: Reduced,
+    slopes: Slopes,
+    force: Residuals,
+    curvature: Residuals,
+    weights: Weights,
 ) -> BorderedSystem:
-    """Gauss-Newton system of the augmented Lagrangian at ``x`` with constraint rows ``c`` and their Jacobians."""
+    """Gauss-Newton system of the augmented Lagrangian at ``x``.
+
+    Args:
+        problem, x: of one NLP.
+        distances: what the distances add, at its T' samples.
+        slopes: of switches and footprints.
+        force, curvature: of all constraint rows (`forces`).
+    """
     T, K = x.q.shape[0], x.m.shape[0]
     S, N, dtype = T // K, problem.half.shape[0], x.q.dtype
-    force, curvature, _ = _forces(multipliers, c, p)
-
-    # Distances: g = -d, so the gradient's sign turns and the curvature's does not. Only object rows know mode
-    # parameters.
-    rows = J.arm_q.shape[-1]
-    of_arm, of_object = curvature.distance[:, None, :rows], curvature.distance[:, None, rows:]
-    force_arm, force_object = force.distance[:, :rows], force.distance[:, rows:]
-    weighted = J.object_q * of_object
-    A_sample = jnp.einsum("tip,tjp->tij", J.arm_q * of_arm, J.arm_q) + jnp.einsum("tip,tjp->tij", weighted, J.object_q)
-    E_sample = jnp.einsum("tip,tjp->tij", weighted, J.object_m)
-    C_sample = jnp.einsum("tip,tjp->tij", J.object_m * of_object, J.object_m)
-    g_sample = -jnp.einsum("tip,tp->ti", J.arm_q, force_arm) - jnp.einsum("tip,tp->ti", J.object_q, force_object)
-    gm_sample = -jnp.einsum("tip,tp->ti", J.object_m, force_object)
 
     # A sample between two slices depends on both: on slice t by its share s, on slice t - 1 by 1 - s.
     M = samples_of(T, K)
-    share = jnp.arange(1, M + 1, dtype=dtype) / M
+    share = np.arange(1, M + 1) / M
 
-    def onto(weights: Array, value: Array) -> Array:
+    def onto(weights: np.ndarray, value: Array) -> Array:
         """Weighted sum of the M samples of each slice."""
-        return jnp.einsum("m,tm...->t...", weights, value.reshape(T, M, *value.shape[1:]))
+        samples = value.reshape(T, M, *value.shape[1:])
+        return sum(float(weights[m]) * samples[:, m] for m in range(M) if weights[m] != 0)  # type: ignore[return-value]
 
     def shifted(value: Array) -> Array:
         """Values of slice t + 1 at slice t; what falls on the home posture before the first slice is dropped."""
         return jnp.concatenate([value[1:], jnp.zeros_like(value[:1])])
 
+    J = slice(0, 14)
+    A_sample, E_sample, C_sample = distances.matrix[:, J, J], distances.matrix[:, J, 14:], distances.matrix[:, 14:, 14:]
+    g_sample, gm_sample = distances.gradient[:, J], distances.gradient[:, 14:]
     A = onto(share**2, A_sample)
     gradient_q = onto(share, g_sample)
     E_own = onto(share, E_sample)
@@ -208,8 +208,8 @@ def gauss_newton_system(
     # Mode switches: six rows each, on the last slice of their phase.
     own = jnp.stack([_take(problem.attached_by[:-1], problem), _take(problem.attached_by[1:], problem)], axis=1)
     to_action = jnp.asarray(own[..., None] == jnp.arange(K), dtype)
-    Sq = J.switch_q
-    Sm = jnp.einsum("krob,kol->krlb", J.switch_m, to_action).reshape(K, 6, K * PARAMETERS)
+    Sq = slopes.switch_q
+    Sm = jnp.einsum("krob,kol->krlb", slopes.switch_m, to_action).reshape(K, 6, K * PARAMETERS)
     weighted_q, weighted_m = Sq * curvature.switch[..., None], Sm * curvature.switch[..., None]
     last = slice(S - 1, None, S)
     A = A.at[last].add(jnp.einsum("kri,krj->kij", weighted_q, Sq))
@@ -219,7 +219,7 @@ def gauss_newton_system(
     gradient_m = gradient_m.reshape(-1) + jnp.einsum("kri,kr->i", Sm, force.switch)
 
     # Bounds and footprints of the mode parameters; joint limits; the pull to the reference.
-    Fm = J.footprint_m
+    Fm = slopes.footprint_m
     block = jnp.einsum("kri,krj,kr->kij", Fm, Fm, curvature.footprint)
     block += jnp.eye(PARAMETERS, dtype=dtype) * (curvature.bound[0] + curvature.bound[1])[:, None]
     C += jnp.einsum("kij,kl->kilj", block, jnp.eye(K, dtype=dtype)).reshape(C.shape)

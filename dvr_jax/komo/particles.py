@@ -23,8 +23,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from dvr_jax.compilation import COMPILER_OPTIONS
 from dvr_jax.geometry.distances import Prism
-from dvr_jax.geometry.vectors import Rotation, Vector, add, compose, materialize, rotate, rotation_about_z
+from dvr_jax.geometry.vectors import Rotation, Vector, compose, materialize, rotate, rotation_about_z, vector
 from dvr_jax.komo.contacts import measure_distances
 from dvr_jax.komo.modes import Attachment, grasp_frame, object_poses
 from dvr_jax.komo.problem import FIXED, HELD_LEFT, PARAMETERS
@@ -126,12 +127,12 @@ def _stack(m: tuple[Array, ...]) -> Array:
     return jnp.stack(jnp.broadcast_arrays(*m), axis=-1)
 
 
-def _object_frame(particles: Particles, step: Extension) -> tuple[tuple[Array, ...], Array]:
-    """Mode parameters (four of (M, B, 1)) and attachment kind (M, 1, 1) of the object that the action switches."""
+def _object_frame(particles: Particles, step: Extension) -> tuple[Array, Array]:
+    """Mode parameters (4, M, B, 1) and attachment kind (M, 1, 1) of the object that the action switches."""
     index = step.item[:, None, None, None]
     parameters = jnp.take_along_axis(particles.parameters, index, axis=2)[:, :, 0]
     kind = jnp.take_along_axis(particles.kind, step.item[:, None], axis=1)
-    return tuple(parameters[:, :, None, i] for i in range(4)), kind[:, :, None]
+    return jnp.moveaxis(parameters, -1, 0)[..., None], kind[:, :, None]
 
 
 def _of_item(value: Array, step: Extension) -> Array:
@@ -139,17 +140,17 @@ def _of_item(value: Array, step: Extension) -> Array:
     return jnp.take_along_axis(value, step.item[:, None], axis=1)[:, :, None]
 
 
-def _sample_grasp(key: Array, step: Extension, shape: tuple[int, ...], dtype: np.dtype) -> tuple[Array, ...]:
-    """Mode parameters of a grasp, four of (M, B, J)."""
+def _sample_grasp(key: Array, step: Extension, shape: tuple[int, ...], dtype: np.dtype) -> Array:
+    """Mode parameters of a grasp, (4, M, 1, J or more)."""
     keys = jax.random.split(key, 4)
     low, high = (bound[:, None, None] for bound in (step.lower, step.upper))
     yaw_range = jnp.minimum(high[..., 3], math.pi)
-    return (
+    return jnp.stack(jnp.broadcast_arrays(
         _uniform(keys[0], shape, low[..., 0], high[..., 0], dtype),
         _uniform(keys[1], shape, low[..., 1], high[..., 1], dtype),
         _uniform(keys[2], shape, -_PITCH_RANGE, _PITCH_RANGE, dtype),
         _uniform(keys[3], shape, -yaw_range, yaw_range, dtype),
-    )
+    ))  # fmt: skip
 
 
 def _propose_grasp(key: Array, particles: Particles, step: Extension, shape: tuple[int, ...]) -> _Proposed:
@@ -161,9 +162,9 @@ def _propose_grasp(key: Array, particles: Particles, step: Extension, shape: tup
     x, y, z, yaw = (_of_item(step.initial_pose[..., i], step) for i in range(4))
     yaw = jnp.where(fixed, yaw, at[2])
     R = rotation_about_z(jnp.cos(yaw), jnp.sin(yaw))
-    p = (jnp.where(fixed, x, at[0]), jnp.where(fixed, y, at[1]), z)
+    p = vector(jnp.where(fixed, x, at[0]), jnp.where(fixed, y, at[1]), z)
     R_hand, p_hand, _, _ = grasp_frame(m, step.face_yaw[:, None, None])
-    return _Proposed(_stack(m), (compose(R, R_hand), add(p, rotate(R, p_hand))), None)
+    return _Proposed(jnp.moveaxis(m, 0, -1), (compose(R, R_hand), p + rotate(R, p_hand)), None)
 
 
 def _propose_handover(key: Array, particles: Particles, step: Extension, shape: tuple[int, ...]) -> _Proposed:
@@ -171,7 +172,7 @@ def _propose_handover(key: Array, particles: Particles, step: Extension, shape: 
     dtype = particles.q.dtype
     keys = jax.random.split(key, 7)
     m = _sample_grasp(keys[0], step, shape, dtype)
-    p: Vector = (
+    p = vector(
         _uniform(keys[1], shape, -0.25, 0.25, dtype),
         _uniform(keys[2], shape, -0.4, 0.4, dtype),
         _uniform(keys[3], shape, 0.15, 0.6, dtype),
@@ -181,16 +182,16 @@ def _propose_handover(key: Array, particles: Particles, step: Extension, shape: 
     axis = _uniform(keys[6], shape, -math.pi, math.pi, dtype)
     about, c, s = rotation_about_z(jnp.cos(axis), jnp.sin(axis)), jnp.cos(tilt), jnp.sin(tilt)
     zero = jnp.zeros_like(c)
-    tip: Rotation = ((zero + 1, zero, zero), (zero, c, s), (zero, -s, c))
+    tip = jnp.stack([vector(zero + 1, zero, zero), vector(zero, c, s), vector(zero, -s, c)])
     spin = yaw - axis
-    R = compose(compose(about, tip), rotation_about_z(jnp.cos(spin), jnp.sin(spin)))
+    R = materialize(compose(compose(about, tip), rotation_about_z(jnp.cos(spin), jnp.sin(spin))))
     held_by, _ = _object_frame(particles, step)
     R_giver, p_giver, _, _ = grasp_frame(held_by, _of_item(particles.face_yaw, step))
     R_taker, p_taker, _, _ = grasp_frame(m, step.face_yaw[:, None, None])
     return _Proposed(
-        _stack(m),
-        (compose(R, R_taker), add(p, rotate(R, p_taker))),
-        (compose(R, R_giver), add(p, rotate(R, p_giver))),
+        jnp.moveaxis(m, 0, -1),
+        (compose(R, R_taker), p + rotate(R, p_taker)),
+        (compose(R, R_giver), p + rotate(R, p_giver)),
     )
 
 
@@ -225,7 +226,7 @@ def _propose_place(key: Array, particles: Particles, step: Extension, shape: tup
     R = rotation_about_z(jnp.cos(yaw), jnp.sin(yaw))
     held_by, _ = _object_frame(particles, step)
     R_hand, p_hand, _, _ = grasp_frame(held_by, _of_item(particles.face_yaw, step))
-    p = add((x, y, jnp.broadcast_to(half[2], x.shape)), rotate(R, p_hand))
+    p = vector(x, y, half[2]) + rotate(R, p_hand)
     return _Proposed(_stack((x, y, yaw, jnp.zeros_like(x))), (compose(R, R_hand), p), None, overhang)
 
 
@@ -234,18 +235,19 @@ def _reach(key: Array, arm: Array, pose: tuple[Rotation, Vector], home: Array) -
     is none.
 
     The best lies nearest to the home posture, which keeps clear of joint limits and leaves the elbow up."""
-    shape = pose[1][0].shape
-    dtype = pose[1][0].dtype
+    shape, dtype = pose[1].shape[1:], pose[1].dtype
     n = LAST_JOINT_SAMPLES
     slots = (jnp.arange(n) + jax.random.uniform(key, (*shape, n), dtype)) / n
     q7 = (2 * slots - 1) * 2.8
 
     def flat(x: Array) -> Array:
-        return jnp.broadcast_to(jnp.broadcast_to(x, shape)[..., None], (*shape, n)).reshape(-1)
+        """(..., M, B, J) to (..., L)."""
+        leading = x.shape[:-3]
+        return jnp.broadcast_to(jnp.broadcast_to(x, (*leading, *shape))[..., None], (*leading, *shape, n)).reshape(
+            *leading, -1
+        )
 
-    R: Rotation = tuple(tuple(flat(x) for x in column) for column in pose[0])  # type: ignore[assignment]
-    p: Vector = (flat(pose[1][0]), flat(pose[1][1]), flat(pose[1][2]))
-    q, valid = arm_angles(flat(arm[:, None, None]), R, p, q7.reshape(-1))
+    q, valid = arm_angles(flat(arm[:, None, None]), flat(pose[0]), flat(pose[1]), q7.reshape(-1))
     q = q.reshape(7, BRANCHES, *shape, n)
     near = jnp.take_along_axis(home.reshape(-1, 2, 7), arm[:, None, None], axis=1)[:, 0].T.reshape(7, 1, -1, 1, 1, 1)
     cost = 0.01 * ((q - near) ** 2).sum(0)
@@ -257,7 +259,7 @@ def _reach(key: Array, arm: Array, pose: tuple[Rotation, Vector], home: Array) -
     return jnp.take_along_axis(q, best[..., None, None], axis=-2)[..., 0, :], cost.min(-1)
 
 
-@partial(jax.jit, static_argnames="case")
+@partial(jax.jit, static_argnames="case", compiler_options=COMPILER_OPTIONS)
 def extend(particles: Particles, step: Extension, key: Array, case: str) -> Particles:
     """Particles of M prefixes, each one action longer. ``case`` ("grasp", "handover" or "place") holds for all of
     them."""
@@ -268,7 +270,7 @@ def extend(particles: Particles, step: Extension, key: Array, case: str) -> Part
     shape = (1, B, J)
     propose = {"grasp": _propose_grasp, "handover": _propose_handover, "place": _propose_place}[case]
     proposed = propose(keys[0], particles, step, shape)
-    acting: tuple[Rotation, Vector] = jax.tree.map(lambda x: jnp.broadcast_to(x, (M, B, J)), proposed.acting)
+    acting: tuple[Rotation, Vector] = jax.tree.map(lambda x: jnp.broadcast_to(x, (*x.shape[:-3], M, B, J)), proposed.acting)
     q_acting, cost = _reach(keys[1], step.arm, materialize(acting), step.home)
     home = step.home.reshape(M, 2, 7)
     rest = jnp.take_along_axis(home, 1 - step.arm[:, None, None], axis=1)
@@ -276,7 +278,7 @@ def extend(particles: Particles, step: Extension, key: Array, case: str) -> Part
     q_other = jnp.where(tucked, jnp.asarray(TUCKED, dtype), rest[:, :, None])
     q_other = jnp.broadcast_to(q_other, q_acting.shape)
     if proposed.giving is not None:
-        giving = jax.tree.map(lambda x: jnp.broadcast_to(x, (M, B, J)), proposed.giving)
+        giving = jax.tree.map(lambda x: jnp.broadcast_to(x, (*x.shape[:-3], M, B, J)), proposed.giving)
         q_other, cost_giver = _reach(keys[2], 1 - step.arm, materialize(giving), step.home)
         cost = cost + cost_giver
     left = (step.arm == 0)[:, None, None, None]
@@ -344,13 +346,13 @@ def _penetration(particles: Particles, step: Extension, q: Array, parameters: Ar
     hands = materialize(hand_pose(rotations, positions))
     attached = Attachment(
         kind=each(particles.kind),
-        parameters=tuple(parameters[..., i].reshape(L, N).T for i in range(4)),
+        parameters=parameters.reshape(L, N, PARAMETERS).transpose(2, 1, 0),
         face_yaw=each(particles.face_yaw),
-        initial=tuple(each(step.initial_pose[..., i]) for i in range(4)),
+        initial=jnp.stack([each(step.initial_pose[..., i]) for i in range(4)]),
         half_height=each(step.half[..., 2]),
     )
     objects = materialize(object_poses(attached, *hands))
-    half: Prism = tuple(each(step.half[..., i]) for i in range(4))  # type: ignore[assignment]
+    half: Prism = jnp.stack([each(step.half[..., i]) for i in range(4)])
     distances = measure_distances(a, b, objects, half, attached.kind)
     rows = jnp.concatenate([distances.arm, distances.object])
     return jnp.maximum(-rows, 0).sum(0).reshape(M, E)

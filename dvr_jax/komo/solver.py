@@ -1,9 +1,13 @@
-"""Augmented-Lagrangian Gauss-Newton: many NLPs of the same shape at once, in chunks of iterations.
+"""Augmented-Lagrangian Gauss-Newton: many NLPs of the same shape at once, one lane each.
 
-One iteration evaluates all rows with Jacobians at the trial point, accepts it if the augmented Lagrangian fell (else
-the damping grows), and solves the banded Gauss-Newton system for the next trial point. When the steps of a subproblem
-have become small, multipliers are updated and the penalty grows if the violation did not fall enough. Every lane
-carries a status; nothing is raised under jit, and a lane that has ended no longer changes."""
+One iteration measures the trial point, accepts it if the augmented Lagrangian fell (else the damping grows), and
+solves the banded Gauss-Newton system for the next trial point. When the steps of a subproblem have become small,
+multipliers are updated and the penalty grows if the violation did not fall enough. Every lane carries a status;
+nothing is raised under jit, and a lane that has ended no longer changes.
+
+An iteration is four compiled programs: `measure_chunk` and `reduce_chunk` do the geometry, whose compilation is dear,
+for `CHUNK` slices of any problem with the same number of objects; `judge` and `advance` are small and compiled for
+each horizon."""
 
 from __future__ import annotations
 
@@ -12,23 +16,31 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
-from dvr_jax.geometry.vectors import materialize
+from dvr_jax.compilation import COMPILER_OPTIONS
+from dvr_jax.geometry.vectors import Rotation, Vector, materialize
 from dvr_jax.komo.banded import BorderedSystem, solve_bordered
-from dvr_jax.komo.constraints import Jacobians, Rows, evaluate
+from dvr_jax.komo.constraints import Rows, Slopes, collect, lay_out, samples_of
+from dvr_jax.komo.contacts import number_of_rows
 from dvr_jax.komo.lagrangian import (
     Multipliers,
+    Residuals,
     Weights,
     augmented_value,
+    forces,
     gauss_newton_system,
     penalties,
     residuals,
     update_multipliers,
-    zero_multipliers,
 )
-from dvr_jax.komo.problem import Problem, Variables
+from dvr_jax.komo.problem import PARAMETERS, Problem, Variables
+from dvr_jax.komo.slices import Measured, Reduced, Slices, measure, reduce_slices
 from dvr_jax.komo.verdict import Violations, measure_violations
+
+CHUNK = 60
+"""Slices that one call measures: keyframes of 1 to 6 actions and paths of 2, 4 and 6 fill it without a rest."""
 
 RUNNING, FEASIBLE, STAGNATED, ITERATION_LIMIT, NUMERICAL_FAILURE = 0, 1, 2, 3, 4
 """Status of a lane. Only FEASIBLE says that the verdict's tolerances hold."""
@@ -96,43 +108,60 @@ class State(NamedTuple):
     status: Array
 
 
-class Solution(NamedTuple):
-    """What is known of a lane: its last accepted point, verdict and effort."""
+class Judged(NamedTuple):
+    """The verdict on a lane's trial point, between `judge` and `advance`."""
 
-    x: Variables
+    accepted: Array
+    """True where the trial point becomes the lane's point."""
+    feasible: Array
+    ended: Array
+    """True where a subproblem ended and multipliers were updated."""
+    multipliers: Multipliers
+    penalty: Array
+    value: Array
+    """At the trial point, under the new multipliers and penalty."""
     violations: Violations
-    status: Array
-    iterations: Array
+    slopes: Slopes
+    force: Residuals
+    curvature: Residuals
+    stale: Array
 
 
-def _tree_where(condition: Array, a: State, b: State) -> State:
-    return jax.tree.map(lambda u, v: jnp.where(condition, u, v), a, b)
+class Geometry(NamedTuple):
+    """What `judge` needs of a chunk of measured slices."""
+
+    distance: Array
+    hand_R: Rotation
+    hand_p: Vector
+    screws: Array
 
 
-def _start(problem: Problem, x: Variables, settings: Settings) -> State:
-    """State before the first iteration; its system is a placeholder, replaced because the first trial point is
-    accepted."""
-    dtype = x.q.dtype
-    zero, infinity = jnp.zeros((), dtype), jnp.full((), jnp.inf, dtype)
+def start(problems: Problem, x: Variables, settings: Settings) -> State:
+    """NumPy states of a batch of NLPs before their first iteration; systems are placeholders, replaced because the
+    first trial point is accepted."""
+    B, T, D = x.q.shape
+    K, N, dtype = x.m.shape[1], problems.half.shape[1], x.q.dtype
+    M, is_path = PARAMETERS * K, T > K
 
-    def shapes(rows: Rows, J: Jacobians) -> tuple[Multipliers, BorderedSystem]:
-        c = residuals(problem, x, rows)
-        multipliers = zero_multipliers(c)
-        p = penalties(settings.weights, zero, dtype)
-        return multipliers, gauss_newton_system(problem, x, c, J, multipliers, p, settings.weights)
+    def zeros(*shape: int) -> np.ndarray:
+        return np.zeros((B, *shape), dtype)
 
-    one = jax.tree.map(lambda leaf: leaf[None], (problem, x))
-    rows, J = jax.tree.map(lambda s: jax.ShapeDtypeStruct(s.shape[1:], s.dtype), jax.eval_shape(evaluate, *one))
-    multipliers, system = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), jax.eval_shape(shapes, rows, J))
-    count = jnp.zeros((), jnp.int32)
+    infinity, count = np.full(B, np.inf, dtype), np.zeros(B, np.int32)
     return State(
         x=x,
-        step=jax.tree.map(jnp.zeros_like, x),
-        multipliers=multipliers,
-        penalty=jnp.full((), settings.penalty, dtype),
-        damping=jnp.full((), settings.damping, dtype),
+        step=Variables(np.zeros_like(x.q), np.zeros_like(x.m)),
+        multipliers=Multipliers(
+            distance=zeros(T * samples_of(T, K), number_of_rows(N)), switch=zeros(K, 6), rest=zeros(K, D),
+            limit=zeros(2, T, D), bound=zeros(2, K, PARAMETERS), footprint=zeros(K, 4),
+        ),
+        penalty=np.full(B, settings.penalty, dtype),
+        damping=np.full(B, settings.damping, dtype),
         value=infinity,
-        system=system,
+        system=BorderedSystem(
+            diagonal=zeros(T, D, D), coupling=zeros(T, D, D) if is_path else None,
+            far_coupling=zeros(T, D) if is_path else None, border=zeros(T, D, M), corner=zeros(M, M),
+            gradient_q=zeros(T, D), gradient_m=zeros(M),
+        ),
         violations=Violations(*(infinity,) * len(Violations._fields)),
         updated_ratio=infinity,
         best_ratio=infinity,
@@ -140,11 +169,11 @@ def _start(problem: Problem, x: Variables, settings: Settings) -> State:
         stale=count,
         iterations=count,
         status=count,
-    )
+    )  # fmt: skip
 
 
-def _advance(problem: Problem, settings: Settings, state: State, rows: Rows, J: Jacobians) -> State:
-    """One iteration of one lane, from the rows at its trial point."""
+def _judge(problem: Problem, settings: Settings, state: State, rows: Rows, slopes: Slopes) -> Judged:
+    """Accept or refuse one lane's trial point, and update its multipliers."""
     dtype = state.x.q.dtype
     trial = jax.tree.map(jnp.add, state.x, state.step)
     c = residuals(problem, trial, rows)
@@ -157,9 +186,8 @@ def _advance(problem: Problem, settings: Settings, state: State, rows: Rows, J: 
     violations = measure_violations(problem, trial, rows)
     ratio = violations.ratio()
     feasible = accepted & (ratio <= 1) & (moved <= settings.final_step)
-    inner = state.inner + 1
     first = jnp.isinf(state.value)
-    ended = accepted & ~first & ((moved <= settings.step_tolerance) | (inner >= settings.inner_limit))
+    ended = accepted & ~first & ((moved <= settings.step_tolerance) | (state.inner + 1 >= settings.inner_limit))
 
     # Multiplier update, from the rows at hand: x has just become the trial point.
     multipliers = jax.tree.map(
@@ -171,12 +199,25 @@ def _advance(problem: Problem, settings: Settings, state: State, rows: Rows, J: 
     )
     stale = jnp.where(ended, jnp.where(ratio < 0.9 * state.best_ratio, 0, state.stale + 1), state.stale)
     p = penalties(settings.weights, penalty, dtype)
-    system = materialize(gauss_newton_system(problem, trial, c, J, multipliers, p, settings.weights))
     value = jnp.where(ended, augmented_value(problem, trial, c, multipliers, p, settings.weights), value)
+    force, curvature, _ = forces(multipliers, c, p)
+    return Judged(
+        accepted, feasible, ended, multipliers, penalty, value, violations, slopes, force, curvature, stale
+    )
 
+
+def _advance(problem: Problem, settings: Settings, state: State, judged: Judged, distances: Reduced) -> State:
+    """Move one lane to its trial point if that was accepted, and find the next trial point."""
+    accepted, first = judged.accepted, jnp.isinf(state.value)
+    trial = jax.tree.map(jnp.add, state.x, state.step)
+    system = gauss_newton_system(
+        problem, trial, distances, judged.slopes, judged.force, judged.curvature, settings.weights
+    )
     damping = jnp.where(accepted, jnp.maximum(state.damping / 4, 1e-6), jnp.maximum(state.damping, 1e-4) * 8)
-    x, value, system = jax.tree.map(
-        lambda new, old: jnp.where(accepted, new, old), (trial, value, system), (state.x, state.value, state.system)
+    x, value, system, violations = jax.tree.map(
+        lambda new, old: jnp.where(accepted, new, old),
+        (trial, judged.value, system, judged.violations),
+        (state.x, state.value, state.system, state.violations),
     )
     x, value, system, damping = materialize((x, value, system, damping))
     dq, dm = materialize(solve_bordered(system, damping))
@@ -190,51 +231,101 @@ def _advance(problem: Problem, settings: Settings, state: State, rows: Rows, J: 
     step = Variables(jnp.where(factor > 0, factor * dq, 0), jnp.where(factor > 0, factor * dm.reshape(x.m.shape), 0))
     damping = jnp.where(stuck, settings.damping, jnp.where(broken, damping * 100, damping))
     iterations = state.iterations + 1
+    ratio = judged.violations.ratio()
     status = jnp.where(iterations >= settings.iteration_limit, ITERATION_LIMIT, RUNNING)
-    status = jnp.where(stale >= settings.patience, STAGNATED, status)
+    status = jnp.where(judged.stale >= settings.patience, STAGNATED, status)
     status = jnp.where(first & ~jnp.isfinite(value), NUMERICAL_FAILURE, status)
-    status = jnp.where(feasible, FEASIBLE, status)
+    status = jnp.where(judged.feasible, FEASIBLE, status)
     return State(
         x=x,
         step=step,
-        multipliers=multipliers,
-        penalty=penalty,
+        multipliers=judged.multipliers,
+        penalty=judged.penalty,
         damping=damping,
         value=jnp.where(stuck | (broken & ~first), jnp.inf, value),
         system=system,
-        violations=jax.tree.map(lambda new, old: jnp.where(accepted, new, old), violations, state.violations),
-        updated_ratio=jnp.where(ended, ratio, state.updated_ratio),
+        violations=violations,
+        updated_ratio=jnp.where(judged.ended, ratio, state.updated_ratio),
         best_ratio=jnp.where(accepted, jnp.minimum(ratio, state.best_ratio), state.best_ratio),
-        inner=jnp.where(ended, 0, inner),
-        stale=stale,
+        inner=jnp.where(judged.ended, 0, state.inner + 1),
+        stale=judged.stale,
         iterations=iterations,
         status=status.astype(state.status.dtype),
     )
 
 
-def iterate_once(problems: Problem, settings: Settings, states: State) -> State:
-    """One iteration of a batch."""
-    rows, J = evaluate(problems, jax.tree.map(jnp.add, states.x, states.step))
-    return jax.vmap(_advance, in_axes=(0, None, 0, 0, 0))(problems, settings, states, rows, J)
+def _chunks(slices: Slices) -> tuple[Slices, ...]:
+    """Slices in pieces of `CHUNK`, the last one filled up with copies."""
+    L = slices.q.shape[-1]
+    pieces = -(-L // CHUNK)
+    fill = [(0, pieces * CHUNK - L)]
+    padded = jax.tree.map(lambda v: jnp.pad(v, [(0, 0)] * (v.ndim - 1) + fill, mode="edge"), slices)
+    return tuple(jax.tree.map(lambda v, i=i: v[..., i * CHUNK : (i + 1) * CHUNK], padded) for i in range(pieces))
 
 
-@jax.jit
-def start(problems: Problem, x: Variables, settings: Settings) -> State:
-    """Initial states of a batch of NLPs (leading axis of every leaf of ``problems`` and ``x``)."""
-    return jax.vmap(_start, in_axes=(0, 0, None))(problems, x, settings)
+def _joined(chunks: tuple[Array, ...], L: int, axis: int) -> Array:
+    return jax.lax.slice_in_dim(jnp.concatenate(chunks, axis=axis), 0, L, axis=axis)
 
 
-@partial(jax.jit, donate_argnums=2)
-def iterate(problems: Problem, settings: Settings, states: State, iterations: Array) -> State:
-    """Run a batch for at most ``iterations`` iterations, or until no lane is running."""
+measure_chunk = jax.jit(measure, compiler_options=COMPILER_OPTIONS)
+reduce_chunk = jax.jit(reduce_slices, compiler_options=COMPILER_OPTIONS)
 
-    def unfinished(carry: tuple[Array, State]) -> Array:
-        count, lanes = carry
-        return (count < iterations) & jnp.any(lanes.status == RUNNING)
 
-    def body(carry: tuple[Array, State]) -> tuple[Array, State]:
-        count, lanes = carry
-        new = iterate_once(problems, settings, lanes)
-        return count + 1, jax.vmap(_tree_where)(lanes.status == RUNNING, new, lanes)
+def _lay_out_trial(problems: Problem, states: State) -> tuple[Slices, ...]:
+    """Slices of all lanes' trial points, in chunks."""
+    return _chunks(lay_out(problems, jax.tree.map(jnp.add, states.x, states.step)))
 
-    return jax.lax.while_loop(unfinished, body, (jnp.zeros((), jnp.int32), states))[1]
+
+lay_out_trial = jax.jit(_lay_out_trial, compiler_options=COMPILER_OPTIONS)
+
+
+@partial(jax.jit, compiler_options=COMPILER_OPTIONS)
+def judge(
+    problems: Problem, settings: Settings, states: State, chunks: tuple[Geometry, ...]
+) -> tuple[Judged, tuple[tuple[Array, Array], ...]]:
+    """Verdicts on all lanes' trial points, and forces and curvatures (CHUNK, P) of the distances of each chunk."""
+    trial = jax.tree.map(jnp.add, states.x, states.step)
+    B, T = states.multipliers.distance.shape[:2]
+    distance, hand_R, hand_p, screws = (
+        _joined(leaves, B * T, axis) for leaves, axis in zip(zip(*chunks, strict=True), (0, -1, -1, -1), strict=True)
+    )
+    rows, slopes = materialize(collect(problems, trial, distance, hand_R, hand_p, screws))
+    judged = jax.vmap(_judge, in_axes=(0, None, 0, 0, 0))(problems, settings, states, rows, slopes)
+    pieces = []
+    for value in (judged.force.distance, judged.curvature.distance):
+        flat = value.reshape(B * T, -1)
+        padded = jnp.pad(flat, [(0, len(chunks) * CHUNK - B * T), (0, 0)])
+        pieces.append(jnp.split(padded, len(chunks)))
+    return judged, tuple(zip(*pieces, strict=True))
+
+
+@partial(jax.jit, donate_argnums=2, compiler_options=COMPILER_OPTIONS)
+def advance(
+    problems: Problem, settings: Settings, states: State, judged: Judged, chunks: tuple[Reduced, ...]
+) -> tuple[State, tuple[Slices, ...]]:
+    """States after one iteration, and the slices of their trial points."""
+    B, T = states.multipliers.distance.shape[:2]
+    distances = jax.tree.map(lambda *leaves: _joined(leaves, B * T, 0).reshape(B, T, *leaves[0].shape[1:]), *chunks)
+    new = jax.vmap(_advance, in_axes=(0, None, 0, 0, 0))(problems, settings, states, judged, distances)
+    running = states.status == RUNNING
+
+    def choose(new: Array, old: Array) -> Array:
+        return jnp.where(running.reshape(-1, *(1,) * (new.ndim - 1)), new, old)
+
+    states = materialize(jax.tree.map(choose, new, states))
+    return states, _lay_out_trial(problems, states)
+
+
+def iterate(
+    problems: Problem, settings: Settings, states: State, chunks: tuple[Slices, ...]
+) -> tuple[State, tuple[Slices, ...]]:
+    """One iteration of a batch: compiled programs, called one after the other.
+
+    Args:
+        chunks: slices of the trial points (`lay_out_trial`).
+    """
+    measured: list[Measured] = [measure_chunk(chunk) for chunk in chunks]
+    geometry = tuple(Geometry(m.distance, m.hand_R, m.hand_p, m.screws) for m in measured)
+    judged, pushes = judge(problems, settings, states, geometry)
+    reduced = tuple(reduce_chunk(m, *push) for m, push in zip(measured, pushes, strict=True))
+    return advance(problems, settings, states, judged, reduced)

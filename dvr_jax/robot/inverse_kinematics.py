@@ -9,13 +9,15 @@ He and Liu, "Analytical inverse kinematics for Franka Emika Panda", 2021."""
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from dvr_jax.geometry.vectors import Rotation, Vector, add, cross, dot, materialize, rotate_back, scale, subtract
+from dvr_jax.compilation import COMPILER_OPTIONS
+from dvr_jax.geometry.vectors import Rotation, Vector, compose, cross, dot, materialize, rotate_back, transpose
 from dvr_jax.robot.kinematics import base_pose, hand_pose, link_poses, load_arm
 
 BRANCHES = 4
@@ -41,42 +43,44 @@ def _gripper_in_flange() -> tuple[np.ndarray, float]:
 def arm_angles(arm: Array, R: Rotation, p: Vector, q7: Array) -> tuple[Array, Array]:
     """Joint angles that bring a gripper to world poses.
 
+    Two values of q4, on either side of -0.467 rad, give the same distance from shoulder to wrist; only the more bent
+    one is taken. The others hold the wrist within 1.4 cm of its greatest distance.
+
     Args:
         arm: (L,) int, 0 left, 1 right.
-        R, p: gripper axes (y closes, z approaches) and centre, components (L,) [m].
+        R, p: gripper axes (y closes, z approaches) ``(3, 3, L)`` and centre ``(3, L)`` [m].
         q7: (L,) angle of the last joint [rad].
 
     Returns:
         Angles (7, 4, L) [rad], and (4, L) True where the branch exists and keeps the joint limits.
     """
-    bases = [base_pose(a) for a in range(2)]
+    left, right = (base_pose(a) for a in range(2))
 
-    def of_base(left: float, right: float) -> Array:
-        return jnp.where(arm == 0, left, right).astype(q7.dtype)
+    def of_base(i: int) -> Array:
+        values = [jnp.asarray(base[i].T, q7.dtype)[..., None] for base in (left, right)]
+        return jnp.where(arm == 0, *values)
 
-    columns: Rotation = tuple(tuple(of_base(*(b[0][i, j] for b in bases)) for i in range(3)) for j in range(3))  # type: ignore[assignment]
-    shift: Vector = tuple(of_base(*(b[1][i] for b in bases)) for i in range(3))  # type: ignore[assignment]
-    x_hand, y_hand, z7 = (rotate_back(columns, axis) for axis in R)
-    center = rotate_back(columns, subtract(p, shift))
+    base_R, base_p = of_base(0), of_base(1)
+    in_base = compose(transpose(base_R), R)
+    x_hand, y_hand, z7 = in_base[0], in_base[1], in_base[2]
+    center = rotate_back(base_R, p - base_p)
 
     hand_rotation, reach = _gripper_in_flange()
     # Columns of link frame 7 from those of the hand: R_7 = R_hand hand_rotation^T, a turn about z.
     c, s = float(hand_rotation[0, 0]), float(hand_rotation[0, 1])
-    x7 = add(scale(c, x_hand), scale(s, y_hand))
+    x7, z7, center = materialize((c * x_hand + s * y_hand, z7, center))
     y7 = cross(z7, x7)
-    c7, s7 = jnp.cos(q7), jnp.sin(q7)
-    x6 = subtract(scale(c7, x7), scale(s7, y7))
-    z6 = add(scale(s7, x7), scale(c7, y7))
-    y6 = scale(-1.0, z7)
-    O6 = subtract(subtract(center, scale(reach, z7)), scale(_WRIST, x6))
-    x6, y6, z6, O6 = materialize((x6, y6, z6, O6))
+    c7, s7 = materialize((jnp.cos(q7), jnp.sin(q7)))
+    x6, z6 = materialize((c7 * x7 - s7 * y7, s7 * x7 + c7 * y7))
+    y6 = -z7
+    O6 = materialize(center - reach * z7 - _WRIST * x6)
 
-    to_shoulder = (-O6[0], -O6[1], _SHOULDER_HEIGHT - O6[2])
+    to_shoulder = materialize(jnp.stack([-O6[0], -O6[1], _SHOULDER_HEIGHT - O6[2]]))
     distance = jnp.sqrt(dot(to_shoulder, to_shoulder))
     cosine = (_SIDE_UPPER**2 + _SIDE_FOREARM**2 - distance**2) / (2 * _SIDE_UPPER * _SIDE_FOREARM)
     exists = jnp.abs(cosine) <= 1
-    q4 = jnp.arccos(jnp.clip(cosine, -1, 1)) - _ANGLE_AT_ZERO
-    c4, s4 = jnp.cos(q4), jnp.sin(q4)
+    q4 = materialize(jnp.arccos(jnp.clip(cosine, -1, 1)) - _ANGLE_AT_ZERO)
+    c4, s4 = materialize((jnp.cos(q4), jnp.sin(q4)))
     # S - O6 in the plane: alpha along z5 (the forearm), beta along x4. O4 - O6 = a4 x4 - d5 z5; S - O4 = -a4 x3 - d3
     # z3, with x3 = c4 x4 - s4 z5 and z3 = s4 x4 + c4 z5.
     alpha = -_FOREARM + _ELBOW * s4 - _UPPER * c4
@@ -88,41 +92,36 @@ def arm_angles(arm: Array, R: Rotation, p: Vector, q7: Array) -> tuple[Array, Ar
     exists &= amplitude >= jnp.abs(alpha)
     middle = jnp.arctan2(along_x, along_y)
     spread = jnp.arccos(jnp.clip(alpha / jnp.maximum(amplitude, 1e-9), -1, 1))
-    solutions, valid = [], []
-    lower, upper = load_arm().joint_limits
-    alpha, beta, c4, s4, q4, middle, spread = materialize((alpha, beta, c4, s4, q4, middle, spread))
-    for side in (1.0, -1.0):
-        q6 = middle + side * spread
-        # Into [-pi/2, 3 pi/2), which holds the joint's range.
-        q6 = jnp.mod(q6 + math.pi / 2, 2 * math.pi) - math.pi / 2
-        c6, s6 = jnp.cos(q6), jnp.sin(q6)
-        z5 = add(scale(s6, x6), scale(c6, y6))
-        x5 = subtract(scale(c6, x6), scale(s6, y6))
-        x4 = scale(1 / jnp.where(jnp.abs(beta) < 1e-9, 1e-9, beta), subtract(to_shoulder, scale(alpha, z5)))
-        z4 = cross(x4, z5)
-        # Joint 5 turns frame 4 (tilted so that its z is the forearm) into frame 5.
-        tilted_y = scale(-1.0, z4)
-        q5 = jnp.arctan2(dot(x5, tilted_y), dot(x5, x4))
-        x3 = subtract(scale(c4, x4), scale(s4, z5))
-        z3 = add(scale(s4, x4), scale(c4, z5))
-        x3, z3, q5, q6 = materialize((x3, z3, q5, q6))
-        horizontal = jnp.sqrt(z3[0] ** 2 + z3[1] ** 2)
-        for turn in (1.0, -1.0):
-            q2 = turn * jnp.arctan2(horizontal, z3[2])
-            q1 = jnp.arctan2(turn * z3[1], turn * z3[0])
-            c1, s1 = jnp.cos(q1), jnp.sin(q1)
-            c2, s2 = jnp.cos(q2), jnp.sin(q2)
-            x2 = (c1 * c2, s1 * c2, -s2)
-            beside: Vector = (-s1, c1, jnp.zeros_like(c1))
-            q3 = jnp.arctan2(dot(x3, beside), dot(x3, x2))
-            q = jnp.stack([q1, q2, q3, q4, q5, q6, jnp.broadcast_to(q7, q4.shape)])
-            solutions.append(q)
-            inside = (q >= lower[:, None].astype(q.dtype)) & (q <= upper[:, None].astype(q.dtype))
-            valid.append(exists & inside.all(0))
-    return jnp.stack(solutions, axis=1), jnp.stack(valid)
+
+    # From here on axis 1 counts the two values of q6: the forearm folds either way about S - O6.
+    side = jnp.asarray([1.0, -1.0], q7.dtype)[:, None]
+    # Into [-pi/2, 3 pi/2), which holds the joint's range.
+    q6 = materialize(jnp.mod(middle + side * spread + math.pi / 2, 2 * math.pi) - math.pi / 2)
+    c6, s6 = materialize((jnp.cos(q6), jnp.sin(q6)))
+    x6, y6, z6, to_shoulder = x6[:, None], y6[:, None], z6[:, None], to_shoulder[:, None]
+    z5, x5 = materialize((s6 * x6 + c6 * y6, c6 * x6 - s6 * y6))
+    x4 = materialize((to_shoulder - alpha * z5) / jnp.where(jnp.abs(beta) < 1e-9, 1e-9, beta))
+    # Joint 5 turns frame 4 (tilted so that its z is the forearm) into frame 5.
+    tilted_y = cross(z5, x4)
+    q5 = jnp.arctan2(dot(x5, tilted_y), dot(x5, x4))
+    x3, z3, q5 = materialize((c4 * x4 - s4 * z5, s4 * x4 + c4 * z5, q5))
+
+    # And axis 2 the two signs of q2.
+    turn = jnp.asarray([1.0, -1.0], q7.dtype)[:, None]
+    q2 = turn * jnp.arctan2(jnp.sqrt(z3[0] ** 2 + z3[1] ** 2), z3[2])[:, None]
+    q1 = jnp.arctan2(turn * z3[1][:, None], turn * z3[0][:, None])
+    q1, q2 = materialize((q1, q2))
+    c1, s1, c2, s2 = materialize((jnp.cos(q1), jnp.sin(q1), jnp.cos(q2), jnp.sin(q2)))
+    x3 = x3[:, :, None]
+    q3 = jnp.arctan2(c1 * x3[1] - s1 * x3[0], c1 * c2 * x3[0] + s1 * c2 * x3[1] - s2 * x3[2])
+    shape = q1.shape
+    joints = (q1, q2, q3, q4, q5[:, None], q6[:, None], q7)
+    q = materialize(jnp.stack([jnp.broadcast_to(angle, shape) for angle in joints]).reshape(7, BRANCHES, -1))
+    lower, upper = (limit.astype(q.dtype)[:, None, None] for limit in load_arm().joint_limits)
+    return q, exists & ((q >= lower) & (q <= upper)).all(0)
 
 
-@jax.jit
+@partial(jax.jit, compiler_options=COMPILER_OPTIONS)
 def shift_gripper(q: Array, arm: Array, up: Array, distance: float) -> Array:
     """Joint angles with the gripper moved by ``distance`` [m] straight up, or back along its approach.
 
@@ -136,16 +135,9 @@ def shift_gripper(q: Array, arm: Array, up: Array, distance: float) -> Array:
         rad.
     """
     both = jnp.broadcast_to(q.T[:, None], (7, 2, q.shape[0]))
-    hand_R, hand_p = hand_pose(*link_poses(both))
-
-    def own(x: Array) -> Array:
-        return jnp.where(arm == 0, x[0], x[1])
-
-    R: Rotation = tuple(tuple(own(x) for x in column) for column in hand_R)  # type: ignore[assignment]
-    p: Vector = (own(hand_p[0]), own(hand_p[1]), own(hand_p[2]))
-    back = scale(-1.0, R[2])
-    direction = (jnp.where(up, 0, back[0]), jnp.where(up, 0, back[1]), jnp.where(up, 1, back[2]))
-    solutions, valid = arm_angles(arm, R, add(p, scale(distance, direction)), q[:, 6])
+    R, p = (jnp.where(arm == 0, x[..., 0, :], x[..., 1, :]) for x in hand_pose(*link_poses(both)))
+    straight = jnp.asarray([0.0, 0.0, 1.0], q.dtype)[:, None]
+    solutions, valid = arm_angles(arm, R, p + distance * jnp.where(up, straight, -R[2]), q[:, 6])
     change = jnp.where(valid, jnp.abs(solutions - q.T[:, None]).max(0), jnp.inf)
     best = jnp.argmin(change, axis=0)
     nearest = jnp.take_along_axis(solutions, best[None, None], axis=1)[:, 0]

@@ -1,9 +1,8 @@
 """Forward kinematics of both arms, their joint screws, and their collision capsules.
 
 Notation: arm 0 is "left", arm 1 "right"; joints are 0..6; link frame i (1..7) moves with joints 0..i-1, link 0 is the
-base. Poses are tuples of component arrays (`dvr_jax.geometry.vectors`) of shape ``(2, L)``: arm, then slices. All
-constants are read from the compiled MuJoCo model of the package's own ``panda.xml``, so model and optimiser cannot
-drift apart."""
+base. Poses (`dvr_jax.geometry.vectors`) have batch axes ``(2, L)``: arm, then slices. All constants are read from the
+compiled MuJoCo model of the package's own ``panda.xml``, so model and optimiser cannot drift apart."""
 
 from __future__ import annotations
 
@@ -16,7 +15,7 @@ import mujoco
 import numpy as np
 from jax import Array
 
-from dvr_jax.geometry.vectors import Rotation, Vector, add, cross, materialize, scale
+from dvr_jax.geometry.vectors import Rotation, Vector, compose, cross, materialize, rotate
 from dvr_jax.scene.workspace import BASE_POSITIONS, BASE_YAWS, NUMBER_OF_JOINTS
 
 
@@ -126,76 +125,75 @@ def base_pose(arm: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def link_poses(q: Array) -> tuple[list[Rotation], list[Vector]]:
-    """World poses of all link frames 0..7 of both arms, components ``(2, L)``.
+    """World poses of all link frames 0..7 of both arms: rotations ``(3, 3, 2, L)``, positions ``(3, 2, L)``.
 
     Args:
         q: (7, 2, L) angles of joint i of arm a [rad].
     """
     arm = load_arm()
     bases = [base_pose(a) for a in range(2)]
-
-    def constant(values: list[float]) -> Array:
-        return jnp.broadcast_to(jnp.asarray(values, q.dtype)[:, None], q.shape[1:])
-
-    R: Rotation = tuple(tuple(constant([b[0][i, j] for b in bases]) for i in range(3)) for j in range(3))  # type: ignore[assignment]
-    p: Vector = tuple(constant([b[1][i] for b in bases]) for i in range(3))  # type: ignore[assignment]
+    R = jnp.asarray(np.stack([b[0].T for b in bases], axis=-1), q.dtype)[..., None]
+    R = jnp.broadcast_to(R, (3, 3, *q.shape[1:]))
+    p = jnp.broadcast_to(jnp.asarray(np.stack([b[1] for b in bases], axis=-1), q.dtype)[..., None], (3, *q.shape[1:]))
     rotations, positions = [R], [p]
-    cosine, sine = materialize((jnp.cos(q), jnp.sin(q)))
+    turns = materialize(_joint_rotations(q))
     for i in range(NUMBER_OF_JOINTS):
-        p = add(p, _rotate_constant(R, arm.offsets[i]))
-        x, y, z = (_rotate_constant(R, arm.rotations[i][:, j]) for j in range(3))
-        c, s = cosine[i], sine[i]
-        R, p = materialize(((add(scale(c, x), scale(s, y)), add(scale(c, y), scale(-s, x)), z), p))
+        R, p = materialize((compose(R, turns[i]), p + _rotate_constant(R, arm.offsets[i])))
         rotations.append(R)
         positions.append(p)
     return rotations, positions
 
 
+def _joint_rotations(q: Array) -> Array:
+    """Rotation of link frame i+1 in link frame i, ``(7, 3, 3, 2, L)``: the constant one, then a turn about z."""
+    x, y, z = (load_arm().rotations[:, :, j] for j in range(3))
+    zero = np.zeros_like(x)
+
+    def constant(columns: list[np.ndarray]) -> Array:
+        return jnp.asarray(np.stack(columns, axis=1)[..., None, None], q.dtype)
+
+    cosine, sine = (materialize(f(q))[:, None, None] for f in (jnp.cos, jnp.sin))
+    return constant([x, y, zero]) * cosine + constant([y, -x, zero]) * sine + constant([zero, zero, z])
+
+
 def _rotate_constant(R: Rotation, v: np.ndarray) -> Vector:
     """``R v`` for a constant vector, leaving out its zeros while tracing."""
-    terms = [R[j] if v[j] == 1 else scale(float(v[j]), R[j]) for j in range(3) if v[j] != 0]
-    if not terms:
-        return scale(0.0, R[0])
-    total = terms[0]
-    for term in terms[1:]:
-        total = add(total, term)
-    return total
+    terms = [float(v[j]) * R[j] for j in range(3) if v[j] != 0]
+    return sum(terms[1:], terms[0]) if terms else jnp.zeros_like(R[0])
 
 
 def joint_screws(rotations: list[Rotation], positions: list[Vector]) -> Array:
     """World twist of each joint at unit speed, ``(6, 2, 7, L)``: axis, then velocity of the point at the world's
     origin."""
-    rows: list[list[Array]] = [[] for _ in range(6)]
-    for R, p in zip(rotations[1:], positions[1:], strict=True):
-        for row, value in zip(rows, (*R[2], *cross(p, R[2])), strict=True):
-            row.append(value)
-    return jnp.stack([jnp.stack(row, axis=1) for row in rows])
+    axis = materialize(jnp.stack([R[2] for R in rotations[1:]], axis=2))
+    origin = materialize(jnp.stack(positions[1:], axis=2))
+    return jnp.concatenate([axis, cross(origin, axis)])
 
 
 def hand_pose(rotations: list[Rotation], positions: list[Vector]) -> tuple[Rotation, Vector]:
-    """World poses of the gripper frames: hand axes (y closes, z approaches), origin between the finger tips."""
+    """World poses of the gripper frames ``(3, 3, 2, L), (3, 2, L)``: hand axes (y closes, z approaches), origin
+    between the finger tips."""
     arm = load_arm()
     R, p = rotations[7], positions[7]
-    x, y, z = (_rotate_constant(R, arm.hand_rotation[:, j]) for j in range(3))
-    return (x, y, z), add(p, _rotate_constant(R, arm.gripper_center))
+    axes = [_rotate_constant(R, arm.hand_rotation[:, j]) for j in range(3)]
+    return jnp.stack(axes), p + _rotate_constant(R, arm.gripper_center)
 
 
 def capsule_segments(rotations: list[Rotation], positions: list[Vector], openings: Array) -> tuple[Vector, Vector]:
-    """World ends of all collision capsules of both arms: start and end of each segment, components ``(2, C, L)``.
+    """World ends of all collision capsules of both arms: start and end of each segment, ``(3, 2, C, L)``.
 
     Args:
         openings: (2, L) distance of each finger from the hand's middle plane [m].
     """
     arm = load_arm()
-    ends: list[Vector] = []
-    for end in range(2):
-        points = []
-        for c in range(arm.number_of_capsules):
-            link = int(arm.capsule_links[c])
-            point = add(positions[link], _rotate_constant(rotations[link], arm.capsule_ends[end, c]))
-            if np.any(arm.capsule_finger_directions[c] != 0):
-                direction = _rotate_constant(rotations[link], arm.capsule_finger_directions[c])
-                point = add(point, scale(openings, direction))
-            points.append(point)
-        ends.append(tuple(jnp.stack([point[i] for point in points], axis=1) for i in range(3)))  # type: ignore[arg-type]
-    return ends[0], ends[1]
+    links = arm.capsule_links
+    dtype = openings.dtype
+    R = materialize(jnp.stack([rotations[link] for link in links], axis=3))
+    p = materialize(jnp.stack([positions[link] for link in links], axis=2))
+
+    def constant(v: np.ndarray) -> Array:
+        """(C, 3) to (3, 1, C, 1)."""
+        return jnp.asarray(v.T[:, None, :, None], dtype)
+
+    slide = constant(arm.capsule_finger_directions) * openings[:, None]
+    return tuple(p + rotate(R, constant(end) + slide) for end in arm.capsule_ends)  # type: ignore[return-value]

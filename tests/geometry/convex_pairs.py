@@ -41,7 +41,7 @@ class Bodies:
             return components(start), components(end), self.size[:, 0]
         zero = np.zeros(len(self.size))
         half = (*self.size.T, zero) if self.kind == "box" else (zero, zero, self.size[:, 1], self.size[:, 0])
-        return columns(self.rotation), components(self.center), half
+        return columns(self.rotation), components(self.center), np.stack(half)
 
     def moved(self, twist: Floats, amount: float) -> "Bodies":
         """All bodies after a motion by ``amount`` along a twist (angular velocity, velocity at the world's origin)."""
@@ -49,12 +49,14 @@ class Bodies:
         return replace(self, rotation=turn @ self.rotation, center=self.center @ turn.T + amount * twist[3:])
 
 
-def components(v: Floats) -> tuple[Floats, ...]:
-    return tuple(np.moveaxis(v, -1, 0))
+def components(v: Floats) -> Floats:
+    """(..., 3) to (3, ...)."""
+    return np.moveaxis(v, -1, 0)
 
 
-def columns(R: Floats) -> tuple[tuple[Floats, ...], ...]:
-    return tuple(tuple(R[..., i, j] for i in range(3)) for j in range(3))
+def columns(R: Floats) -> Floats:
+    """(..., 3, 3) to (3, 3, ...), columns first."""
+    return np.moveaxis(R, (-1, -2), (0, 1))
 
 
 def sample_bodies(kind: str, n: int, seed: int, spread: float = 0.12, upright: bool = False) -> Bodies:

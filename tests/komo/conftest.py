@@ -1,14 +1,43 @@
 """The NLP's rows and Jacobians, compiled once for keyframes and once for a path, shared by all tests here."""
 
 from functools import cached_property
+from typing import NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from komo_cases import Case, Floats, make_case
 
-from dvr_jax.komo.constraints import Jacobians, Rows, evaluate
+from dvr_jax.komo.constraints import Rows, Slopes, collect, lay_out
+from dvr_jax.komo.contacts import arm_signs
 from dvr_jax.komo.problem import Problem, Variables
+from dvr_jax.komo.slices import Measured, distance_jacobian, measure
+
+
+class Jacobians(NamedTuple):
+    """Derivatives of all rows; those of distances by their own slice's columns."""
+
+    arm_q: Floats
+    """(B, T', 14, Pa)."""
+    object_q: Floats
+    """(B, T', 14, Po)."""
+    object_m: Floats
+    """(B, T', 4 N, Po)."""
+    arm_m: Floats
+    """(B, T', 4 N, Pa)."""
+    slopes: Slopes
+
+
+def evaluate(problems: Problem, x: Variables) -> tuple[Rows, Jacobians, Measured]:
+    B, T = x.q.shape[:2]
+    measured = measure(lay_out(problems, x))
+    rows, slopes = collect(problems, x, measured.distance, measured.hand_R, measured.hand_p, measured.screws)
+    L, P = measured.distance.shape
+    J = distance_jacobian(measured, jnp.broadcast_to(jnp.arange(P), (L, P))).reshape(B, L // B, -1, P)
+    arm = arm_signs().shape[1]
+    return rows, Jacobians(J[:, :, :14, :arm], J[:, :, :14, arm:], J[:, :, 14:, arm:], J[:, :, 14:, :arm], slopes), measured
+
 
 COMPILED = jax.jit(evaluate)
 
@@ -20,7 +49,7 @@ class Evaluated:
         self.case = case
 
     @cached_property
-    def results(self) -> tuple[Rows, Jacobians]:
+    def results(self) -> tuple[Rows, Jacobians, Measured]:
         return self.of(self.case.problems, self.case.x)
 
     @property
@@ -31,7 +60,7 @@ class Evaluated:
     def jacobians(self) -> Jacobians:
         return self.results[1]
 
-    def of(self, problems: Problem, x: Variables) -> tuple[Rows, Jacobians]:
+    def of(self, problems: Problem, x: Variables) -> tuple[Rows, Jacobians, Measured]:
         return jax.tree.map(np.asarray, COMPILED(problems, x))
 
     def moved(self, kind: str, index: tuple[object, ...], amount: float) -> Rows:

@@ -15,12 +15,14 @@ from dvr_jax.komo.lagrangian import (
     Weights,
     accelerations,
     augmented_value,
+    forces,
     gauss_newton_system,
     penalties,
     residuals,
     update_multipliers,
 )
 from dvr_jax.komo.problem import Problem, Variables
+from dvr_jax.komo.slices import reduce_slices
 from dvr_jax.komo.verdict import rest_steps
 from dvr_jax.robot.kinematics import load_arm
 
@@ -67,7 +69,7 @@ class Lagrangian:
         for i in range(0, len(points), B):
             chunk = points[i : i + B]
             batch = jax.tree.map(lambda *leaves: np.stack(leaves), *(chunk + chunk[:1] * (B - len(chunk))))
-            rows, _ = self.evaluated.of(problems, batch)
+            rows, _, _ = self.evaluated.of(problems, batch)
             results += [jax.tree.map(lambda leaf, lane=lane: leaf[lane], rows) for lane in range(len(chunk))]
         return results
 
@@ -113,10 +115,19 @@ class Lagrangian:
         return float(total)
 
     def system(self) -> BorderedSystem:
-        _, J = self.evaluated.results
-        J = jax.tree.map(lambda leaf: leaf[self.b], J)
+        _, J, measured = self.evaluated.results
+        slopes = jax.tree.map(lambda leaf: leaf[self.b], J.slopes)
+        force, curvature, _ = forces(self.multipliers, self.c, self.p)
+        # The slices of this problem among those of the batch.
+        L, samples = len(measured.distance), self.evaluated.case.number_of_samples
+        own = np.arange(L) // samples == self.b
+        everything = force.distance.shape[1]
+        pushes = (np.zeros((L, everything)), np.zeros((L, everything)))
+        for target, value in zip(pushes, (force.distance, curvature.distance), strict=True):
+            target[own] = value
+        reduced = jax.tree.map(lambda leaf: leaf[own], reduce_slices(measured, *pushes, active=everything))
         build = jax.jit(partial(gauss_newton_system, weights=WEIGHTS))
-        return build(self.problem, self.x, self.c, J, self.multipliers, self.p)
+        return build(self.problem, self.x, reduced, slopes, force, curvature)
 
     @property
     def free(self) -> Floats:

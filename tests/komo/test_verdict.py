@@ -106,7 +106,7 @@ def gripped_upright(keyframes) -> tuple[Problem, Variables, Floats]:
     case = keyframes.case
     B, number = case.problems.switched_object.shape
     x = Variables(np.tile(case.problems.home[:, None], (1, number, 1)), np.zeros((B, number, 4)))
-    rows, _ = keyframes.of(case.problems, x)
+    rows, _, _ = keyframes.of(case.problems, x)
     # The switch residual is the object's position minus where the grasp would have it; its angle tells the yaw.
     first = case.problems.switched_object[:, 0]
     initial = np.array(case.problems.initial_pose)
@@ -118,7 +118,7 @@ def gripped_upright(keyframes) -> tuple[Problem, Variables, Floats]:
 
 def first_switch(keyframes, problems: Problem, x: Variables) -> tuple[Violations, Floats]:
     """Violations of the first switch alone, and its residual."""
-    rows, _ = keyframes.of(problems, x)
+    rows, _, _ = keyframes.of(problems, x)
     alone = Rows(np.ones_like(rows.distance), *(np.array(value) for value in rows[1:3]), -np.ones_like(rows.footprint))
     alone.switch[:, 1:], alone.switch_angle[:, 1:] = 0, 0
     return jax.vmap(measure_violations)(problems, x, alone), rows.switch[:, 0]

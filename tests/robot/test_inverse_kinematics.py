@@ -30,8 +30,7 @@ def solve() -> Solve:
     compiled = jax.jit(arm_angles)
 
     def call(arm: Floats, R: Floats, p: Floats, q7: Floats) -> tuple[Floats, Floats]:
-        axes = tuple(tuple(R[:, i, j] for i in range(3)) for j in range(3))
-        q, valid = compiled(arm, axes, tuple(p.T), q7)
+        q, valid = compiled(arm, R.transpose(2, 1, 0), p.T, q7)
         return np.asarray(q), np.asarray(valid)
 
     return call
