@@ -206,7 +206,8 @@ def prism_prism(
         value = dot(m, w)
         # Where the bodies overlap v shrinks to zero: that is no direction.
         better = (value > separation) & (dot(v, v) > 1e-12)
-        separation, normal, refined = jnp.where(better, value, separation), jnp.where(better, m, normal), refined | better
+        separation, normal = jnp.where(better, value, separation), jnp.where(better, m, normal)
+        refined |= better
         edge = v - w
         v = v - jnp.clip(dot(v, edge) / jnp.maximum(dot(edge, edge), TINY), 0, 1) * edge
         v, separation, normal, refined = materialize((v, separation, normal, refined))

@@ -1,4 +1,4 @@
-"""Batched calls of particles and solver for lists of prefixes: padding to a few lane counts, so that little is
+"""Batched calls of particles and solver for lists of prefixes: padding to one lane count each, so that little is
 compiled.
 
 The interface between search (lists of Python objects) and the compiled code (stacked arrays). Each function's result
@@ -11,18 +11,19 @@ from dataclasses import dataclass
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from dvr_jax.komo.particles import Extension, Particles, case_of, extend, no_particles
+from dvr_jax.komo.particles import RANDOM_SHAPE, SHARES, Particles, case_of, extend
 from dvr_jax.komo.problem import HELD_LEFT, Problem, Variables
+from dvr_jax.komo.proposals import Extension
 from dvr_jax.komo.solver import CHUNK, FEASIBLE, RUNNING, Settings, iterate, lay_out_trial, start
 from dvr_jax.komo.verdict import Violations
 from dvr_jax.robot.inverse_kinematics import shift_gripper
+from dvr_jax.scene.workspace import BASE_POSITIONS
 
-EXTENSION_LANES = (16, 64)
-"""Numbers of prefixes that the extension of particles is compiled for."""
+EXTENSION_LANES = 8
+"""Prefixes whose particles are extended side by side."""
 PATH_LANES = 1
 """Paths that are solved side by side."""
 
@@ -60,23 +61,7 @@ def stack(trees: Sequence[Any]) -> Any:
     return jax.tree.map(lambda *leaves: np.stack(leaves), *trees)
 
 
-def _lanes(number: int, sizes: tuple[int, ...]) -> int:
-    return next((size for size in sizes if size >= number), sizes[-1])
-
-
-def _chunks(number: int, sizes: tuple[int, ...]) -> list[tuple[list[int], int]]:
-    """Indices cut into pieces of at most the largest lane count, each with its lane count."""
-    pieces = [list(range(i, min(i + sizes[-1], number))) for i in range(0, number, sizes[-1])]
-    return [(piece, _lanes(len(piece), sizes)) for piece in pieces]
-
-
-def empty_prefix(number_of_objects: int, k_max: int) -> Particles:
-    """Particles of the empty prefix, without the batch axis."""
-    batch = no_particles(1, number_of_objects, k_max, np.dtype(np.float32))
-    return jax.tree.map(lambda leaf: np.asarray(leaf[0]), batch)
-
-
-def _extension(problem: Problem, k: int) -> Extension:
+def _extension(problem: Problem, k: int, case: str) -> Extension:
     """Arrays of action k of a problem."""
     item = int(problem.switched_object[k])
     before, after = int(problem.attachment[k, item]), int(problem.attachment[k + 1, item])
@@ -88,9 +73,9 @@ def _extension(problem: Problem, k: int) -> Extension:
     return Extension(
         half=number(problem.half), initial_pose=number(problem.initial_pose), home=number(problem.home),
         opening=number(np.maximum(problem.opening[k], problem.opening[k + 1])), depth=np.int32(k), arm=np.int32(arm),
-        item=np.int32(item),
-        new_kind=np.int32(after), face_yaw=number(problem.face_yaw[k]), lower=number(problem.lower[k]),
-        upper=number(problem.upper[k]), support=number(problem.support[k]),
+        base=number(BASE_POSITIONS[arm]), item=np.int32(item), new_kind=np.int32(after),
+        face_yaw=number(problem.face_yaw[k]), lower=number(problem.lower[k]), upper=number(problem.upper[k]),
+        support=number(problem.support[k]), share=number(SHARES[case]),
     )  # fmt: skip
 
 
@@ -104,12 +89,12 @@ def extend_prefixes(parents: Sequence[Particles], problems: Sequence[Problem], s
         kind = int(problem.attachment[k, problem.switched_object[k]])
         groups.setdefault((case_of(kind, bool(problem.is_grasp[k] > 0)), k), []).append(index)
     for (case, k), members in groups.items():
-        key = jax.random.fold_in(jax.random.key(seed), k)
-        for piece, lanes in _chunks(len(members), EXTENSION_LANES):
-            indices = [members[i] for i in piece]
-            padded = indices + [indices[0]] * (lanes - len(indices))
-            steps = stack([_extension(problems[i], k) for i in padded])
-            batch = extend(stack([parents[i] for i in padded]), steps, key, case)
+        u = np.random.default_rng([seed, k]).random(RANDOM_SHAPE, np.float32)
+        for first in range(0, len(members), EXTENSION_LANES):
+            indices = members[first : first + EXTENSION_LANES]
+            padded = indices + [indices[0]] * (EXTENSION_LANES - len(indices))
+            steps = stack([_extension(problems[i], k, case) for i in padded])
+            batch = extend(stack([parents[i] for i in padded]), steps, u, case)
             arrays = jax.tree.map(np.asarray, batch)
             for lane, index in enumerate(indices):
                 children[index] = jax.tree.map(lambda leaf, lane=lane: leaf[lane], arrays)

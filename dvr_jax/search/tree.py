@@ -19,7 +19,6 @@ import numpy as np
 from dvr_jax.komo.engine import (
     Solved,
     adopt,
-    empty_prefix,
     extend_prefixes,
     keyframe_start,
     path_problem,
@@ -27,7 +26,7 @@ from dvr_jax.komo.engine import (
     refined_start,
     solve,
 )
-from dvr_jax.komo.particles import UNREACHABLE, Particles
+from dvr_jax.komo.particles import UNREACHABLE, Particles, empty_prefix
 from dvr_jax.komo.problem import ABSENT, Problem
 from dvr_jax.komo.solver import Settings
 from dvr_jax.komo.transcription import refute, transcribe
