@@ -24,6 +24,7 @@ from dvr_jax.komo.interpolation import interpolate
 from dvr_jax.logic import Action, describe
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.searches import SEARCHES, SOLVED
+from dvr_jax.search.searches import search as run_search
 from dvr_jax.search.tree import Node, SequenceTree
 
 
@@ -92,7 +93,7 @@ def plan(
     # Tolerances of a micrometre need double precision. Set here and not on import, which must not change other users'
     # programs.
     with jax.enable_x64(True):
-        tree = SequenceTree(scene, k_max, seed)
+        tree = SequenceTree(scene, k_max, seed, deadline=begin + time_limit)
         accepted: list[tuple[Motion, CheckReport]] = []
         check_seconds, rejected = 0.0, 0
 
@@ -110,11 +111,10 @@ def plan(
                 progress(f"refused by the check: {report.findings[0]}")
             return report.passed
 
-        outcome = SEARCHES[search](tree, time_limit, accept, progress)
+        outcome = run_search(search, tree, accept, progress)
     motion, report = accepted[-1] if outcome.status == SOLVED else (None, None)
     total = time.monotonic() - begin
     seconds = {**outcome.seconds, "check": check_seconds}
-    seconds["path"] = max(0.0, seconds["path"])
     return Plan(
         scene=scene,
         status=outcome.status,

@@ -201,9 +201,7 @@ def _judge(problem: Problem, settings: Settings, state: State, rows: Rows, slope
     p = penalties(settings.weights, penalty, dtype)
     value = jnp.where(ended, augmented_value(problem, trial, c, multipliers, p, settings.weights), value)
     force, curvature, _ = forces(multipliers, c, p)
-    return Judged(
-        accepted, feasible, ended, multipliers, penalty, value, violations, slopes, force, curvature, stale
-    )
+    return Judged(accepted, feasible, ended, multipliers, penalty, value, violations, slopes, force, curvature, stale)
 
 
 def _advance(problem: Problem, settings: Settings, state: State, judged: Judged, distances: Reduced) -> State:

@@ -11,10 +11,10 @@ and for all descendants:
 
 from __future__ import annotations
 
+import math
+import time
 from collections import Counter
 from dataclasses import dataclass, field
-
-import numpy as np
 
 from dvr_jax.komo.engine import (
     Solved,
@@ -42,8 +42,14 @@ STARTS = 4
 PATH_STARTS = 4
 """Keyframe solutions that the path NLP is started from, one after the other."""
 
+GOOD = 0.01
+"""Particles whose penetrations sum up to less are keyframes to start a path from [m]."""
 
-_PoseKey = tuple[tuple[Action, ...], tuple[str, ...]]
+BATCH = 64
+"""Prefixes judged between two looks at the clock."""
+
+
+_PoseKey = tuple[tuple[Action, ...], frozenset[str]]
 """Actions on one object, and the other objects that have moved meanwhile."""
 
 
@@ -67,6 +73,17 @@ class Node:
         """Number of actions."""
         return len(self.actions)
 
+    def ancestor(self, depth: int) -> Node:
+        """The prefix of this length, or the node itself where it is shorter."""
+        node = self
+        while node.depth > depth and node.parent is not None:
+            node = node.parent
+        return node
+
+
+class OutOfTime(Exception):
+    """The tree's deadline has passed."""
+
 
 @dataclass(slots=True)
 class Counts:
@@ -83,14 +100,21 @@ class Counts:
 class SequenceTree:
     """Tree of one scene with its bounds; the searches decide what is computed and in which order."""
 
-    def __init__(self, scene: Scene, k_max: int, seed: int = 0, settings: Settings | None = None) -> None:
-        """A tree with only its root."""
-        self.scene, self.k_max, self.seed = scene, k_max, seed
+    def __init__(
+        self,
+        scene: Scene,
+        k_max: int,
+        seed: int = 0,
+        settings: Settings | None = None,
+        deadline: float = math.inf,
+    ) -> None:
+        """A tree with only its root; past the deadline (of `time.monotonic`) its bounds raise `OutOfTime`."""
+        self.scene, self.k_max, self.seed, self.deadline = scene, k_max, seed, deadline
         self.settings = settings or Settings()
         self.grounding: Grounding = ground_actions([item.name for item in scene.objects], scene.goal.object)
         self.counts = Counts()
         self._refuted = {action: refute(scene, action) for action in self.grounding.actions}
-        self._poses: dict[_PoseKey, Node] = {}
+        self._poses: dict[tuple[Action, ...], dict[frozenset[str], Node]] = {}
         self.root = Node((), self.grounding.initial_state, None, reaches_goal=False, feasible=True)
         self.root.particles = empty_prefix(len(scene.objects), k_max)
 
@@ -118,36 +142,61 @@ class SequenceTree:
 
     def judge_poses(self, nodes: list[Node]) -> list[bool]:
         """Pose bound of nodes: verdicts of their last object's own keyframes."""
-        keys = [self._chain(node) for node in nodes]
-        chains = {key: self._chain(node) for key, node in zip(keys, nodes, strict=True)}
-        longest = max((len(chain) for chain, _ in chains.values()), default=0)
-        for level in range(1, longest + 1):
-            fresh: dict[_PoseKey, Node] = {}
-            for chain, ignored in chains.values():
-                key = (chain[:level], ignored)
-                if len(chain) < level or key in self._poses:
-                    continue
-                parent = self._poses.get((chain[: level - 1], ignored), self.root)
-                if not parent.feasible:
-                    self._poses[key] = Node(chain[:level], 0, parent, False, feasible=False)
-                    continue
-                fresh[key] = Node(chain[:level], 0, parent, False)
-            self._judge(list(fresh.values()), "pose", [ignored for _, ignored in fresh])
-            self._poses.update(fresh)
-        return [bool(self._poses[key].feasible) for key in keys]
+        chains = {key: None for node in nodes for key in [self._chain(node)]}
+        # What is feasible with few objects left out is so with more: few first, and the others inherit.
+        by_size: dict[tuple[int, int], list[_PoseKey]] = {}
+        for chain, ignored in chains:
+            for level in range(1, len(chain) + 1):
+                by_size.setdefault((level, len(ignored)), []).append((chain[:level], ignored))
+        for _, keys in sorted(by_size.items()):
+            self._judge_chains(list(dict.fromkeys(keys)))
+        return [bool(self._poses[chain][ignored].feasible) for chain, ignored in map(self._chain, nodes)]
+
+    def _judge_chains(self, keys: list[_PoseKey]) -> None:
+        """Verdicts of chains of one length, whose prefixes and subsets have theirs."""
+        fresh: list[tuple[_PoseKey, Node]] = []
+        for chain, ignored in keys:
+            known = self._poses.setdefault(chain, {})
+            if ignored in known:
+                continue
+            parent = self._poses[chain[:-1]][ignored] if len(chain) > 1 else self.root
+            node = known[ignored] = Node(chain, 0, parent, False)
+            stricter = [other for others, other in known.items() if others < ignored and other.feasible]
+            if not parent.feasible:
+                node.feasible = False
+            elif stricter:
+                node.feasible, node.problem = True, stricter[0].problem
+                node.particles = self._without(stricter[0].particles, ignored)
+            else:
+                fresh.append(((chain, ignored), node))
+        self._judge([node for _, node in fresh], "pose", [tuple(sorted(key[1])) for key, _ in fresh])
+
+    def _without(self, particles: Particles | None, ignored: frozenset[str]) -> Particles:
+        """Particles with some objects left out of the world."""
+        assert particles is not None
+        kind = particles.kind.copy()
+        kind[[self.scene.object_index(name) for name in ignored]] = ABSENT
+        return particles._replace(kind=kind)
 
     def _chain(self, node: Node) -> _PoseKey:
         """Actions on the object of the node's last action, and the objects that others have moved meanwhile."""
         name = _object_of(node.actions[-1])
         chain = tuple(action for action in node.actions if _object_of(action) == name)
-        moved = {_object_of(action) for action in node.actions} - {name}
-        return chain, tuple(sorted(moved))
+        return chain, frozenset(_object_of(action) for action in node.actions) - {name}
 
     def _judge(self, nodes: list[Node], bound: str, ignored: list[tuple[str, ...]]) -> None:
-        """Verdicts on the keyframes of nodes, each with some objects left out; particles first, the NLP where they
-        prove nothing."""
-        if not nodes:
-            return
+        """Verdicts on the keyframes of nodes, each with some objects left out."""
+        for first in range(0, len(nodes), BATCH):
+            self._look_at_the_clock()
+            part = slice(first, first + BATCH)
+            self._judge_batch(nodes[part], bound, ignored[part])
+
+    def _look_at_the_clock(self) -> None:
+        if time.monotonic() > self.deadline:
+            raise OutOfTime
+
+    def _judge_batch(self, nodes: list[Node], bound: str, ignored: list[tuple[str, ...]]) -> None:
+        """Particles first, the NLP where they prove nothing."""
         problems = [transcribe(self.scene, node.actions, names) for node, names in zip(nodes, ignored, strict=True)]
         parents = [self._parent_particles(node, names) for node, names in zip(nodes, ignored, strict=True)]
         extended = extend_prefixes(parents, problems, self.seed)
@@ -176,23 +225,22 @@ class SequenceTree:
 
     def _parent_particles(self, node: Node, ignored: tuple[str, ...]) -> Particles:
         assert node.parent is not None and node.parent.particles is not None
-        particles = node.parent.particles
         if node.parent is self.root and ignored:
-            kind = particles.kind.copy()
-            kind[[self.scene.object_index(name) for name in ignored]] = ABSENT
-            particles = particles._replace(kind=kind)
-        return particles
+            return self._without(node.parent.particles, frozenset(ignored))
+        return node.parent.particles
 
-    def solve_path(self, node: Node, attempt: int) -> Solved | None:
-        """Path of a node that passed the sequence bound, from its ``attempt``-th keyframes; None: there are no more."""
+    def path_attempts(self, node: Node) -> int:
+        """Number of keyframe solutions that the path of a node may start from."""
+        assert node.particles is not None
+        return min(PATH_STARTS, int((node.particles.violation <= GOOD).sum()))
+
+    def solve_path(self, node: Node, attempt: int) -> Solved:
+        """Path of a node that passed the sequence bound, from its ``attempt``-th keyframes."""
         assert node.problem is not None and node.particles is not None and node.feasible
-        order = np.argsort(node.particles.violation, kind="stable")
-        good = [rank for rank, index in enumerate(order) if node.particles.violation[index] <= 0.01]
-        if attempt >= min(PATH_STARTS, len(good)):
-            return None
+        self._look_at_the_clock()
         # Spread over the particles: neighbours in rank often are siblings.
-        rank = good[(attempt * max(1, len(good) // PATH_STARTS)) % len(good)]
-        keyframes = keyframe_start(node.particles, rank, node.depth)
+        good = int((node.particles.violation <= GOOD).sum())
+        keyframes = keyframe_start(node.particles, attempt * (good // self.path_attempts(node)), node.depth)
         start = path_start(node.problem, keyframes)
         self.counts.nlps["path"] += 1
         return solve([path_problem(node.problem, start)], [start], self.settings)[0]
@@ -200,6 +248,7 @@ class SequenceTree:
     def refine_path(self, node: Node, path: Solved) -> Solved:
         """The same path solved again with twice the slices, from a solution that is wrong between its slices."""
         assert node.problem is not None
+        self._look_at_the_clock()
         self.counts.nlps["refined path"] += 1
         start = refined_start(node.problem, path)
         return solve([path_problem(node.problem, start)], [start], self.settings)[0]
