@@ -2,23 +2,121 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
+import pickle
+import platform
+import tempfile
+from collections.abc import Callable
+from functools import lru_cache
+from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, ParamSpec, TypeVar
 
 import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.experimental import serialize_executable
 
 COMPILER_OPTIONS: dict[str, Any] = {"xla_cpu_multi_thread_eigen": False, "xla_cpu_use_fusion_emitters": False}
-"""For `jax.jit` of programs of many small kernels; of no effect but on CPUs. Handing a kernel of a few microseconds to
-another thread costs more than it saves (an iteration of 60 slices: 5.0 ms with, 2.9 ms without), and the older of
-XLA's two code generators compiles twice as fast (`measure`: 5.2 s and 2.8 s) to code of the same speed."""
+"""For programs of many small kernels; of no effect but on CPUs. Handing a kernel of a few microseconds to another
+thread costs more than it saves (an iteration of 60 slices: 5.0 ms with, 2.9 ms without), and the older of XLA's two
+code generators compiles twice as fast (`measure`: 5.2 s and 2.8 s) to code of the same speed."""
+
+SWITCH = "DVR_JAX_CACHE"
+"""Environment variable: a folder for compiled programs in place of the default one, or "off"."""
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
 
 
-def keep_compiled_programs() -> None:
-    """Turn on JAX's persistent compilation cache, unless the user has set one: `$XDG_CACHE_HOME/dvr_jax` or
-    `~/.cache/dvr_jax`."""
-    if jax.config.values["jax_compilation_cache_dir"] is not None:
-        return
-    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "dvr_jax"
-    jax.config.update("jax_compilation_cache_dir", str(folder))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+def cache_folder() -> Path | None:
+    """Where compiled programs are kept: `$DVR_JAX_CACHE`, else `$XDG_CACHE_HOME/dvr_jax` or `~/.cache/dvr_jax`; None:
+    nowhere."""
+    chosen = os.environ.get(SWITCH)
+    if chosen:
+        return None if chosen == "off" else Path(chosen)
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "dvr_jax"
+
+
+class Program(Generic[_P, _R]):
+    """A function that is compiled once for all shapes of its arguments, on this machine and for good.
+
+    JAX's own persistent cache still traces and lowers a function before it can look it up, which takes longer here
+    than all the rest of a plan; this one keeps executables under the shapes and the package's sources. Called under
+    another transformation it is the plain function."""
+
+    def __init__(self, function: Callable[_P, _R]) -> None:
+        """A program of a function of positional arguments only, all of them trees of arrays."""
+        self.__doc__ = function.__doc__
+        self._function = function
+        self._jitted = jax.jit(function, compiler_options=COMPILER_OPTIONS)
+        self._compiled: dict[object, Callable[..., _R]] = {}
+
+    def __call__(self, *args: _P.args, **kwargs: _P.kwargs) -> _R:
+        """Run it, compiled or loaded before if need be; there are no keyword arguments."""
+        assert not kwargs
+        leaves, tree = jax.tree.flatten(args)
+        if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
+            return self._function(*args)  # type: ignore[call-arg]
+        key = (tree, *((leaf.shape, leaf.dtype) for leaf in leaves))
+        compiled = self._compiled.get(key)
+        if compiled is None:
+            compiled = self._compiled[key] = self._load_or_compile(key, args)
+        return compiled(*args)
+
+    def _load_or_compile(self, key: tuple[Any, ...], args: tuple[Any, ...]) -> Callable[..., _R]:
+        folder = cache_folder()
+        if folder is None:
+            return self._jitted.lower(*args).compile()
+        name = f"{self._function.__module__}.{self._function.__qualname__}"
+        digest = hashlib.sha256(repr((name, key, jax.config.jax_enable_x64, _surroundings())).encode()).hexdigest()
+        path = folder / f"{name}-{digest[:32]}.executable"
+        _register_linear_algebra()
+        try:
+            return serialize_executable.deserialize_and_load(*pickle.loads(path.read_bytes()))
+        except Exception:
+            pass  # Absent, cut short, or of another jaxlib: whatever it is, it is of no use.
+        compiled = self._jitted.lower(*args).compile()
+        _write(path, pickle.dumps(serialize_executable.serialize(compiled)))
+        return compiled
+
+
+def _write(path: Path, content: bytes) -> None:
+    """Whole or not at all; a cache that cannot be written is none."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
+            file.write(content)
+        os.replace(file.name, path)
+    except OSError:
+        pass
+
+
+@lru_cache(maxsize=1)
+def _register_linear_algebra() -> None:
+    """Make XLA know LAPACK's routines, which JAX does when it first lowers one; a loaded executable that calls one
+    before that ends the process."""
+
+    def routines(A: jax.Array) -> jax.Array:
+        return jax.lax.linalg.triangular_solve(jnp.linalg.cholesky(A), A, left_side=True, lower=True)
+
+    jax.jit(routines).lower(np.eye(1))
+
+
+@lru_cache(maxsize=1)
+def _surroundings() -> str:
+    """What an executable depends on besides its function's arguments: sources, libraries, device."""
+    package = Path(__file__).parent
+    sources = hashlib.sha256()
+    for path in sorted([*package.rglob("*.py"), *package.rglob("*.xml")]):
+        sources.update(path.read_bytes())
+    processor = Path("/proc/cpuinfo")
+    flags = (
+        next((line for line in processor.read_text().splitlines() if line.startswith(("flags", "Features"))), "")
+        if processor.exists()
+        else platform.processor()
+    )
+    device = jax.devices()[0]
+    versions = [version(name) for name in ("jax", "jaxlib", "mujoco")]
+    return repr((sources.hexdigest(), versions, device.platform, device.device_kind, platform.machine(), flags))

@@ -13,7 +13,6 @@ from typing import Annotated, Literal
 import tyro
 
 from dvr_jax.check.motion import save_motion
-from dvr_jax.compilation import keep_compiled_programs
 from dvr_jax.errors import run_command
 from dvr_jax.film import save_animation, save_depth_picture, save_film
 from dvr_jax.planner import Plan, plan
@@ -88,7 +87,6 @@ def main() -> int:
     """Plan, say what was found, write it."""
     options = tyro.cli(PlanOptions, prog="python -m dvr_jax.plan")
     scene = load_scene(options.scene)
-    keep_compiled_programs()
     result = plan(
         scene, options.search, options.k_max, options.seed, options.time_limit,
         progress=lambda line: print(f"  {line}", file=sys.stderr, flush=True),

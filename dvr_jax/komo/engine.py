@@ -221,7 +221,7 @@ def _clear_postures(problem: Problem, q: np.ndarray) -> tuple[np.ndarray, np.nda
     angles, arms, up = np.zeros((lanes, 7)), np.zeros(lanes, np.int32), np.zeros(lanes, bool)
     for lane, (target, k, arm, rises) in enumerate(tasks):
         angles[lane], arms[lane], up[lane] = target[k, 7 * arm : 7 * arm + 7], arm, rises
-    shifted = np.asarray(shift_gripper(angles, arms, up, CLEARANCE))
+    shifted = np.asarray(shift_gripper(angles, arms, up, np.asarray(CLEARANCE)))
     for lane, (target, k, arm, _) in enumerate(tasks):
         target[k, 7 * arm : 7 * arm + 7] = shifted[lane]
     return coming, going

@@ -15,7 +15,6 @@ Particles propose, the NLP decides: no verdict is taken here.
 from __future__ import annotations
 
 import math
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -23,7 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from dvr_jax.compilation import COMPILER_OPTIONS
+from dvr_jax.compilation import Program
 from dvr_jax.geometry.vectors import Rotation, Vector, materialize
 from dvr_jax.komo.modes import Attachment
 from dvr_jax.komo.problem import FIXED, HELD_LEFT, PARAMETERS
@@ -86,14 +85,14 @@ def empty_prefix(number_of_objects: int, k_max: int) -> Particles:
     )  # fmt: skip
 
 
-@partial(jax.jit, compiler_options=COMPILER_OPTIONS)
+@Program
 def _reach(arm: Array, R: Rotation, p: Vector, u: Array, home: Array) -> tuple[Array, Array]:
     """Best inverse kinematics for gripper poses (M, B, J): angles (M, B, J, 7) and a cost, `UNREACHABLE` where there
     is none.
 
     The best lies nearest to the home posture, which keeps clear of joint limits and leaves the elbow up."""
     shape, n = p.shape[1:], LAST_JOINT_SAMPLES
-    low, high = load_arm().joint_limits[:, 6]
+    low, high = (float(limit) for limit in load_arm().joint_limits[:, 6])
     q7 = low + (high - low) * (jnp.arange(n, dtype=u.dtype)[:, None, None, None] + u[:, None]) / n
 
     def flat(x: Array) -> Array:
@@ -127,7 +126,7 @@ class _Candidates(NamedTuple):
     """(M, E) [m]."""
 
 
-@partial(jax.jit, compiler_options=COMPILER_OPTIONS)
+@Program
 def _choose(
     particles: Particles, step: Extension, m: Array, overhang: Array, q: Array, cost: Array, q_other: Array | None
 ) -> _Candidates:
@@ -152,7 +151,7 @@ def _choose(
     )
 
 
-@partial(jax.jit, compiler_options=COMPILER_OPTIONS)
+@Program
 def _penetration(particles: Particles, step: Extension, candidates: _Candidates) -> Array:
     """Sum of penetrations (M, E) [m] at the switch slice."""
     M, E = candidates.parent.shape
@@ -176,7 +175,7 @@ def _penetration(particles: Particles, step: Extension, candidates: _Candidates)
     return jnp.maximum(-distance, 0).sum(1).reshape(M, E)
 
 
-@partial(jax.jit, compiler_options=COMPILER_OPTIONS)
+@Program
 def _select(particles: Particles, step: Extension, candidates: _Candidates, penetration: Array) -> Particles:
     """The best candidates, with a share for every parent: the k-th best child of one parent waits behind others."""
     M, N = particles.kind.shape

@@ -7,14 +7,12 @@ depend on the batch that it is in."""
 from __future__ import annotations
 
 import math
-from functools import partial
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jax import Array
 
-from dvr_jax.compilation import COMPILER_OPTIONS
+from dvr_jax.compilation import Program
 from dvr_jax.geometry.vectors import Rotation, Vector, compose, materialize, rotate, rotation_about_z, vector
 from dvr_jax.komo.modes import grasp_frame
 from dvr_jax.komo.problem import FIXED
@@ -119,7 +117,7 @@ def _compose(R: Rotation, p: Vector, R_hand: Rotation, p_hand: Vector, shape: tu
     return jnp.broadcast_to(R_world, (3, 3, *shape)), jnp.broadcast_to(p_world, (3, *shape))
 
 
-@partial(jax.jit, compiler_options=COMPILER_OPTIONS)
+@Program
 def propose_grasp(step: Extension, holding: Holding, u: Array) -> Proposed:
     """Grasps of a standing object."""
     m, R_hand, p_hand = _sample_grasp(step, u)
@@ -133,7 +131,7 @@ def propose_grasp(step: Extension, holding: Holding, u: Array) -> Proposed:
     return Proposed(m, R[None], p[None], jnp.zeros_like(m[0]))
 
 
-@partial(jax.jit, compiler_options=COMPILER_OPTIONS)
+@Program
 def propose_handover(step: Extension, holding: Holding, u: Array) -> Proposed:
     """Grasps of an object that the other arm holds: where they meet is free, within reach of both."""
     m, R_taker, p_taker = _sample_grasp(step, u)
@@ -150,7 +148,7 @@ def propose_handover(step: Extension, holding: Holding, u: Array) -> Proposed:
     return Proposed(m, *(jnp.stack(parts) for parts in zip(*poses, strict=True)), jnp.zeros_like(m[0]))
 
 
-@partial(jax.jit, compiler_options=COMPILER_OPTIONS)
+@Program
 def propose_place(step: Extension, holding: Holding, u: Array) -> Proposed:
     """Placements of a held object: inside the support's rectangle, and on a large one within the arm's reach."""
     support = [step.support[:, None, None, i] for i in range(5)]

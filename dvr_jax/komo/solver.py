@@ -11,7 +11,6 @@ each horizon."""
 
 from __future__ import annotations
 
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -19,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from dvr_jax.compilation import COMPILER_OPTIONS
+from dvr_jax.compilation import Program
 from dvr_jax.geometry.vectors import Rotation, Vector, materialize
 from dvr_jax.komo.banded import BorderedSystem, solve_bordered
 from dvr_jax.komo.constraints import Rows, Slopes, collect, lay_out, samples_of
@@ -265,8 +264,8 @@ def _joined(chunks: tuple[Array, ...], L: int, axis: int) -> Array:
     return jax.lax.slice_in_dim(jnp.concatenate(chunks, axis=axis), 0, L, axis=axis)
 
 
-measure_chunk = jax.jit(measure, compiler_options=COMPILER_OPTIONS)
-reduce_chunk = jax.jit(reduce_slices, compiler_options=COMPILER_OPTIONS)
+measure_chunk = Program(measure)
+reduce_chunk = Program(reduce_slices)
 
 
 def _lay_out_trial(problems: Problem, states: State) -> tuple[Slices, ...]:
@@ -274,10 +273,10 @@ def _lay_out_trial(problems: Problem, states: State) -> tuple[Slices, ...]:
     return _chunks(lay_out(problems, jax.tree.map(jnp.add, states.x, states.step)))
 
 
-lay_out_trial = jax.jit(_lay_out_trial, compiler_options=COMPILER_OPTIONS)
+lay_out_trial = Program(_lay_out_trial)
 
 
-@partial(jax.jit, compiler_options=COMPILER_OPTIONS)
+@Program
 def judge(
     problems: Problem, settings: Settings, states: State, chunks: tuple[Geometry, ...]
 ) -> tuple[Judged, tuple[tuple[Array, Array], ...]]:
@@ -297,7 +296,7 @@ def judge(
     return judged, tuple(zip(*pieces, strict=True))
 
 
-@partial(jax.jit, donate_argnums=2, compiler_options=COMPILER_OPTIONS)
+@Program
 def advance(
     problems: Problem, settings: Settings, states: State, judged: Judged, chunks: tuple[Reduced, ...]
 ) -> tuple[State, tuple[Slices, ...]]:

@@ -9,14 +9,12 @@ He and Liu, "Analytical inverse kinematics for Franka Emika Panda", 2021."""
 from __future__ import annotations
 
 import math
-from functools import partial
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from dvr_jax.compilation import COMPILER_OPTIONS
+from dvr_jax.compilation import Program
 from dvr_jax.geometry.vectors import Rotation, Vector, compose, cross, dot, materialize, rotate_back, transpose
 from dvr_jax.robot.kinematics import base_pose, hand_pose, link_poses, load_arm
 
@@ -121,8 +119,8 @@ def arm_angles(arm: Array, R: Rotation, p: Vector, q7: Array) -> tuple[Array, Ar
     return q, exists & ((q >= lower) & (q <= upper)).all(0)
 
 
-@partial(jax.jit, compiler_options=COMPILER_OPTIONS)
-def shift_gripper(q: Array, arm: Array, up: Array, distance: float) -> Array:
+@Program
+def shift_gripper(q: Array, arm: Array, up: Array, distance: Array) -> Array:
     """Joint angles with the gripper moved by ``distance`` [m] straight up, or back along its approach.
 
     Args:
