@@ -18,10 +18,15 @@ import jax.numpy as jnp
 import numpy as np
 from jax.experimental import serialize_executable
 
-COMPILER_OPTIONS: dict[str, Any] = {"xla_cpu_multi_thread_eigen": False, "xla_cpu_use_fusion_emitters": False}
-"""For programs of many small kernels; of no effect but on CPUs. Handing a kernel of a few microseconds to another
-thread costs more than it saves (an iteration of 60 slices: 5.0 ms with, 2.9 ms without), and the older of XLA's two
-code generators compiles twice as fast (`measure`: 5.2 s and 2.8 s) to code of the same speed."""
+CPU_OPTIONS: dict[str, Any] = {
+    "xla_cpu_multi_thread_eigen": False,
+    "xla_cpu_use_fusion_emitters": False,
+    "xla_disable_hlo_passes": "cse_barrier_expander",
+}
+"""For programs of many small kernels. Handing a kernel of a few microseconds to another thread costs more than it
+saves (an iteration of 60 slices: 5.0 ms with, 2.9 ms without); the older of XLA's two code generators compiles twice as
+fast (`measure`: 5.2 s and 2.8 s) to code of the same speed; and barriers must stay until fusion is done, for
+`dvr_jax.geometry.vectors.materialize` to work (forward kinematics of 60 slices: 0.62 ms without, 0.18 ms with)."""
 
 SWITCH = "DVR_JAX_CACHE"
 """Environment variable: a folder for compiled programs in place of the default one, or "off"."""
@@ -50,7 +55,6 @@ class Program(Generic[_P, _R]):
         """A program of a function of positional arguments only, all of them trees of arrays."""
         self.__doc__ = function.__doc__
         self._function = function
-        self._jitted = jax.jit(function, compiler_options=COMPILER_OPTIONS)
         self._compiled: dict[object, Callable[..., _R]] = {}
 
     def __call__(self, *args: _P.args, **kwargs: _P.kwargs) -> _R:
@@ -65,10 +69,14 @@ class Program(Generic[_P, _R]):
             compiled = self._compiled[key] = self._load_or_compile(key, args)
         return compiled(*args)
 
+    def _compile(self, args: tuple[Any, ...]) -> jax.stages.Compiled:
+        options = CPU_OPTIONS if jax.default_backend() == "cpu" else {}
+        return jax.jit(self._function, compiler_options=options).lower(*args).compile()
+
     def _load_or_compile(self, key: tuple[Any, ...], args: tuple[Any, ...]) -> Callable[..., _R]:
         folder = cache_folder()
         if folder is None:
-            return self._jitted.lower(*args).compile()
+            return self._compile(args)
         name = f"{self._function.__module__}.{self._function.__qualname__}"
         digest = hashlib.sha256(repr((name, key, jax.config.jax_enable_x64, _surroundings())).encode()).hexdigest()
         path = folder / f"{name}-{digest[:32]}.executable"
@@ -77,7 +85,7 @@ class Program(Generic[_P, _R]):
             return serialize_executable.deserialize_and_load(*pickle.loads(path.read_bytes()))
         except Exception:
             pass  # Absent, cut short, or of another jaxlib: whatever it is, it is of no use.
-        compiled = self._jitted.lower(*args).compile()
+        compiled = self._compile(args)
         _write(path, pickle.dumps(serialize_executable.serialize(compiled)))
         return compiled
 

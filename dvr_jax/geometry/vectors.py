@@ -15,7 +15,6 @@ from typing import TypeVar
 import jax
 import jax.numpy as jnp
 from jax import Array
-from jax.experimental.xla_metadata import set_xla_metadata
 
 Vector = Array
 """(3, ...)."""
@@ -34,15 +33,9 @@ def materialize(value: _Tree) -> _Tree:
     """``value``, computed once and kept.
 
     XLA's CPU backend fuses a cheap elementwise producer into each of its consumers and computes it anew in all of
-    them; along a chain (seven joints, a bracketing search) work and compile time multiply at every link. A call that
-    must not be inlined ends the chain (forward kinematics of 60 slices: 0.94 ms without, 0.10 ms with;
-    `optimization_barrier` is removed too early to help)."""
-    with set_xla_metadata(inlineable="false"):
-        return jax.jit(_identity)(value)
-
-
-def _identity(value: _Tree) -> _Tree:
-    return value
+    them; along a chain (seven joints, a bracketing search) work and compile time multiply at every link. A barrier ends
+    the chain, if the backend is told to keep barriers until it has fused (`dvr_jax.compilation`)."""
+    return jax.lax.optimization_barrier(value)
 
 
 def vector(x: Array, y: Array, z: Array) -> Vector:

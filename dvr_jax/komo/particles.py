@@ -87,8 +87,8 @@ def empty_prefix(number_of_objects: int, k_max: int) -> Particles:
 
 @Program
 def _reach(arm: Array, R: Rotation, p: Vector, u: Array, home: Array) -> tuple[Array, Array]:
-    """Best inverse kinematics for gripper poses (M, B, J): angles (M, B, J, 7) and a cost, `UNREACHABLE` where there
-    is none.
+    """Best inverse kinematics for gripper poses (M, B, J): angles (M, B, J, 7) and a cost, `UNREACHABLE` or more where
+    there is none.
 
     The best lies nearest to the home posture, which keeps clear of joint limits and leaves the elbow up."""
     shape, n = p.shape[1:], LAST_JOINT_SAMPLES
@@ -102,10 +102,10 @@ def _reach(arm: Array, R: Rotation, p: Vector, u: Array, home: Array) -> tuple[A
         return x.reshape(*leading, -1)
 
     arms = jnp.broadcast_to(arm[:, None, None], shape)
-    q, valid = arm_angles(flat(arms), flat(R), flat(p), jnp.broadcast_to(q7, (n, *shape)).reshape(-1))
-    q, valid = q.reshape(7, BRANCHES * n, *shape), valid.reshape(BRANCHES * n, *shape)
+    q, failure = arm_angles(flat(arms), flat(R), flat(p), jnp.broadcast_to(q7, (n, *shape)).reshape(-1))
+    q, failure = q.reshape(7, BRANCHES * n, *shape), failure.reshape(BRANCHES * n, *shape)
     near = jnp.take_along_axis(home.reshape(-1, 2, 7), arm[:, None, None], axis=1)[:, 0].T[:, None, :, None, None]
-    cost = materialize(jnp.where(valid, 0.01 * ((q - near) ** 2).sum(0), UNREACHABLE))
+    cost = materialize(jnp.where(failure == 0, 0.01 * ((q - near) ** 2).sum(0), UNREACHABLE + failure))
     best = jnp.argmin(cost, axis=0)
     q = jnp.take_along_axis(q, best[None, None], axis=1)[:, 0]
     return jnp.moveaxis(q, 0, -1), cost.min(0)

@@ -50,7 +50,9 @@ def arm_angles(arm: Array, R: Rotation, p: Vector, q7: Array) -> tuple[Array, Ar
         q7: (L,) angle of the last joint [rad].
 
     Returns:
-        Angles (7, 4, L) [rad], and (4, L) True where the branch exists and keeps the joint limits.
+        Angles (7, 4, L) [rad], and by how much each branch (4, L) fails: 0 where it reaches the pose within the joint
+        limits; else how far the triangle is from closing (a difference of cosines or of lengths [m]) plus the largest
+        excess over a limit [rad], and the angles are those of the nearest closed triangle.
     """
     left, right = (base_pose(a) for a in range(2))
 
@@ -76,7 +78,7 @@ def arm_angles(arm: Array, R: Rotation, p: Vector, q7: Array) -> tuple[Array, Ar
     to_shoulder = materialize(jnp.stack([-O6[0], -O6[1], _SHOULDER_HEIGHT - O6[2]]))
     distance = jnp.sqrt(dot(to_shoulder, to_shoulder))
     cosine = (_SIDE_UPPER**2 + _SIDE_FOREARM**2 - distance**2) / (2 * _SIDE_UPPER * _SIDE_FOREARM)
-    exists = jnp.abs(cosine) <= 1
+    gap = jnp.maximum(jnp.abs(cosine) - 1, 0)
     q4 = materialize(jnp.arccos(jnp.clip(cosine, -1, 1)) - _ANGLE_AT_ZERO)
     c4, s4 = materialize((jnp.cos(q4), jnp.sin(q4)))
     # S - O6 in the plane: alpha along z5 (the forearm), beta along x4. O4 - O6 = a4 x4 - d5 z5; S - O4 = -a4 x3 - d3
@@ -87,7 +89,7 @@ def arm_angles(arm: Array, R: Rotation, p: Vector, q7: Array) -> tuple[Array, Ar
     # z5 = sin q6 x6 + cos q6 y6, and its product with S - O6 is alpha.
     along_x, along_y = dot(to_shoulder, x6), dot(to_shoulder, y6)
     amplitude = jnp.sqrt(along_x**2 + along_y**2)
-    exists &= amplitude >= jnp.abs(alpha)
+    gap += jnp.maximum(jnp.abs(alpha) - amplitude, 0)
     middle = jnp.arctan2(along_x, along_y)
     spread = jnp.arccos(jnp.clip(alpha / jnp.maximum(amplitude, 1e-9), -1, 1))
 
@@ -116,7 +118,7 @@ def arm_angles(arm: Array, R: Rotation, p: Vector, q7: Array) -> tuple[Array, Ar
     joints = (q1, q2, q3, q4, q5[:, None], q6[:, None], q7)
     q = materialize(jnp.stack([jnp.broadcast_to(angle, shape) for angle in joints]).reshape(7, BRANCHES, -1))
     lower, upper = (limit.astype(q.dtype)[:, None, None] for limit in load_arm().joint_limits)
-    return q, exists & ((q >= lower) & (q <= upper)).all(0)
+    return q, gap + jnp.maximum(jnp.maximum(lower - q, q - upper).max(0), 0)
 
 
 @Program
@@ -135,8 +137,8 @@ def shift_gripper(q: Array, arm: Array, up: Array, distance: Array) -> Array:
     both = jnp.broadcast_to(q.T[:, None], (7, 2, q.shape[0]))
     R, p = (jnp.where(arm == 0, x[..., 0, :], x[..., 1, :]) for x in hand_pose(*link_poses(both)))
     straight = jnp.asarray([0.0, 0.0, 1.0], q.dtype)[:, None]
-    solutions, valid = arm_angles(arm, R, p + distance * jnp.where(up, straight, -R[2]), q[:, 6])
-    change = jnp.where(valid, jnp.abs(solutions - q.T[:, None]).max(0), jnp.inf)
+    solutions, failure = arm_angles(arm, R, p + distance * jnp.where(up, straight, -R[2]), q[:, 6])
+    change = jnp.where(failure == 0, jnp.abs(solutions - q.T[:, None]).max(0), jnp.inf)
     best = jnp.argmin(change, axis=0)
     nearest = jnp.take_along_axis(solutions, best[None, None], axis=1)[:, 0]
     return jnp.where(change.min(0) < 1.0, nearest, q.T).T

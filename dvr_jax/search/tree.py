@@ -15,6 +15,7 @@ import math
 import time
 from collections import Counter
 from dataclasses import dataclass, field
+from itertools import groupby
 
 from dvr_jax.komo.engine import (
     Solved,
@@ -138,38 +139,43 @@ class SequenceTree:
     def judge_sequences(self, nodes: list[Node]) -> None:
         """Sequence bound of nodes whose parents have passed it."""
         unjudged = [node for node in nodes if node.feasible is None]
-        self._judge(unjudged, "sequence", [()] * len(unjudged))
+        self._solve(self._sample(unjudged, "sequence", [()] * len(unjudged)), "sequence")
 
     def judge_poses(self, nodes: list[Node]) -> list[bool]:
         """Pose bound of nodes: verdicts of their last object's own keyframes."""
-        chains = {key: None for node in nodes for key in [self._chain(node)]}
-        # What is feasible with few objects left out is so with more: few first, and the others inherit.
-        by_size: dict[tuple[int, int], list[_PoseKey]] = {}
-        for chain, ignored in chains:
-            for level in range(1, len(chain) + 1):
-                by_size.setdefault((level, len(ignored)), []).append((chain[:level], ignored))
-        for _, keys in sorted(by_size.items()):
+        chains = dict.fromkeys(map(self._chain, nodes))
+        for length in range(1, max((len(chain) for chain, _ in chains), default=0) + 1):
+            keys = [(chain[:length], ignored) for chain, ignored in chains if len(chain) >= length]
             self._judge_chains(list(dict.fromkeys(keys)))
         return [bool(self._poses[chain][ignored].feasible) for chain, ignored in map(self._chain, nodes)]
 
     def _judge_chains(self, keys: list[_PoseKey]) -> None:
-        """Verdicts of chains of one length, whose prefixes and subsets have theirs."""
-        fresh: list[tuple[_PoseKey, Node]] = []
-        for chain, ignored in keys:
-            known = self._poses.setdefault(chain, {})
-            if ignored in known:
-                continue
-            parent = self._poses[chain[:-1]][ignored] if len(chain) > 1 else self.root
-            node = known[ignored] = Node(chain, 0, parent, False)
-            stricter = [other for others, other in known.items() if others < ignored and other.feasible]
-            if not parent.feasible:
-                node.feasible = False
-            elif stricter:
-                node.feasible, node.problem = True, stricter[0].problem
-                node.particles = self._without(stricter[0].particles, ignored)
-            else:
-                fresh.append(((chain, ignored), node))
-        self._judge([node for _, node in fresh], "pose", [tuple(sorted(key[1])) for key, _ in fresh])
+        """Verdicts of chains of one length, whose prefixes have theirs."""
+        # What is feasible with few objects left out is so with more: few first, and the others inherit.
+        unproved: list[Node] = []
+        for _, group in groupby(sorted(keys, key=lambda key: len(key[1])), key=lambda key: len(key[1])):
+            fresh: list[tuple[Node, frozenset[str]]] = []
+            for chain, ignored in group:
+                known = self._poses.setdefault(chain, {})
+                if ignored in known:
+                    continue
+                parent = self._poses[chain[:-1]][ignored] if len(chain) > 1 else self.root
+                node = known[ignored] = Node(chain, 0, parent, False)
+                if not parent.feasible:
+                    node.feasible = False
+                elif not self._inherit(node, ignored):
+                    fresh.append((node, ignored))
+            unproved += self._sample([node for node, _ in fresh], "pose", [tuple(sorted(names)) for _, names in fresh])
+        self._solve(unproved, "pose")
+
+    def _inherit(self, node: Node, ignored: frozenset[str]) -> bool:
+        """Whether the same chain is known to be feasible with fewer objects left out."""
+        for others, other in self._poses[node.actions].items():
+            if others < ignored and other.feasible:
+                node.feasible, node.problem = True, other.problem
+                node.particles = self._without(other.particles, ignored)
+                return True
+        return False
 
     def _without(self, particles: Particles | None, ignored: frozenset[str]) -> Particles:
         """Particles with some objects left out of the world."""
@@ -184,44 +190,47 @@ class SequenceTree:
         chain = tuple(action for action in node.actions if _object_of(action) == name)
         return chain, frozenset(_object_of(action) for action in node.actions) - {name}
 
-    def _judge(self, nodes: list[Node], bound: str, ignored: list[tuple[str, ...]]) -> None:
-        """Verdicts on the keyframes of nodes, each with some objects left out."""
-        for first in range(0, len(nodes), BATCH):
-            self._look_at_the_clock()
-            part = slice(first, first + BATCH)
-            self._judge_batch(nodes[part], bound, ignored[part])
-
     def _look_at_the_clock(self) -> None:
         if time.monotonic() > self.deadline:
             raise OutOfTime
 
-    def _judge_batch(self, nodes: list[Node], bound: str, ignored: list[tuple[str, ...]]) -> None:
-        """Particles first, the NLP where they prove nothing."""
-        problems = [transcribe(self.scene, node.actions, names) for node, names in zip(nodes, ignored, strict=True)]
-        parents = [self._parent_particles(node, names) for node, names in zip(nodes, ignored, strict=True)]
-        extended = extend_prefixes(parents, problems, self.seed)
-        unproved: dict[int, list[Node]] = {}
-        for node, problem, particles in zip(nodes, problems, extended, strict=True):
-            node.problem, node.particles = problem, particles
-            node.feasible = bool(particles.violation.min() <= WITNESS)
-            if not node.feasible:
-                unproved.setdefault(node.depth, []).append(node)
-        for depth, group in unproved.items():
-            # Where inverse kinematics found nothing at all, more starts are no better than one.
-            lanes = [
-                (node, rank)
-                for node in group
-                for rank in range(STARTS if node.particles.violation.min() < UNREACHABLE else 1)  # type: ignore[union-attr]
-            ]
-            starts = [keyframe_start(node.particles, rank, depth) for node, rank in lanes]  # type: ignore[arg-type]
-            solutions = solve([node.problem for node, _ in lanes], starts, self.settings)  # type: ignore[misc]
-            self.counts.nlps[bound] += len(lanes)
-            for (node, _), solution in zip(lanes, solutions, strict=True):
-                if solution.feasible:
-                    node.feasible = True
-                    node.particles = adopt(node.particles, node.problem, solution)  # type: ignore[arg-type]
+    def _sample(self, nodes: list[Node], bound: str, ignored: list[tuple[str, ...]]) -> list[Node]:
+        """Particles of nodes, each with some objects left out; those nodes that no particle proves feasible."""
+        for first in range(0, len(nodes), BATCH):
+            self._look_at_the_clock()
+            part, names = nodes[first : first + BATCH], ignored[first : first + BATCH]
+            problems = [transcribe(self.scene, *args) for args in zip((n.actions for n in part), names, strict=True)]
+            parents = [self._parent_particles(*args) for args in zip(part, names, strict=True)]
+            extended = extend_prefixes(parents, problems, self.seed)
+            for node, problem, particles in zip(part, problems, extended, strict=True):
+                node.problem, node.particles = problem, particles
+                node.feasible = bool(particles.violation.min() <= WITNESS)
         self.counts.verdicts[bound] += len(nodes)
         self.counts.feasible[bound] += sum(bool(node.feasible) for node in nodes)
+        return [node for node in nodes if not node.feasible]
+
+    def _solve(self, nodes: list[Node], bound: str) -> None:
+        """Keyframe NLPs of nodes that no particle proved feasible."""
+        groups: dict[int, list[Node]] = {}
+        for node in nodes:
+            groups.setdefault(node.depth, []).append(node)
+        for depth, group in groups.items():
+            for first in range(0, len(group), BATCH):
+                self._look_at_the_clock()
+                # Where inverse kinematics found nothing at all, more starts are no better than one.
+                lanes = [
+                    (node, rank)
+                    for node in group[first : first + BATCH]
+                    for rank in range(STARTS if node.particles.violation.min() < UNREACHABLE else 1)  # type: ignore[union-attr]
+                ]
+                starts = [keyframe_start(node.particles, rank, depth) for node, rank in lanes]  # type: ignore[arg-type]
+                solutions = solve([node.problem for node, _ in lanes], starts, self.settings)  # type: ignore[misc]
+                self.counts.nlps[bound] += len(lanes)
+                for (node, _), solution in zip(lanes, solutions, strict=True):
+                    if solution.feasible:
+                        self.counts.feasible[bound] += not node.feasible
+                        node.feasible = True
+                        node.particles = adopt(node.particles, node.problem, solution)  # type: ignore[arg-type]
 
     def _parent_particles(self, node: Node, ignored: tuple[str, ...]) -> Particles:
         assert node.parent is not None and node.parent.particles is not None

@@ -30,8 +30,9 @@ def solve() -> Solve:
     compiled = jax.jit(arm_angles)
 
     def call(arm: Floats, R: Floats, p: Floats, q7: Floats) -> tuple[Floats, Floats]:
-        q, valid = compiled(arm, R.transpose(2, 1, 0), p.T, q7)
-        return np.asarray(q), np.asarray(valid)
+        q, failure = compiled(arm, R.transpose(2, 1, 0), p.T, q7)
+        assert np.isfinite(q).all()
+        return np.asarray(q), np.asarray(failure) == 0
 
     return call
 
