@@ -78,7 +78,9 @@ class Program(Generic[_P, _R]):
         if folder is None:
             return self._compile(args)
         name = f"{self._function.__module__}.{self._function.__qualname__}"
-        digest = hashlib.sha256(repr((name, key, jax.config.jax_enable_x64, _surroundings())).encode()).hexdigest()
+        digest = hashlib.sha256(
+            repr((name, key, jax.config.values["jax_enable_x64"], _surroundings())).encode()
+        ).hexdigest()
         path = folder / f"{name}-{digest[:32]}.executable"
         _register_linear_algebra()
         try:

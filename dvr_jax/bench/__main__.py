@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 
-from dvr_jax.bench import table_one
+from dvr_jax.bench import recall, scenes, table_one
 from dvr_jax.errors import DvrError, run_command
 
-BENCHMARKS = {"table1": table_one.run}
+BENCHMARKS: dict[str, Callable[[list[str]], int]] = {
+    "table1": table_one.run,
+    "scenes": scenes.run,
+    "oracle": recall.run_oracle,
+    "recall": recall.run,
+}
 
 
 def main() -> int:
@@ -18,7 +24,7 @@ def main() -> int:
     name = sys.argv[1]
     if name not in BENCHMARKS:
         raise DvrError(f"there is no benchmark '{name}'; valid: {', '.join(BENCHMARKS)}.")
-    return BENCHMARKS[name]()
+    return BENCHMARKS[name](sys.argv[2:])
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 
+from dvr_jax.errors import DvrError
 from dvr_jax.logic import count_sequences, ground_actions
 
 TABLE_ONE = (
@@ -16,8 +17,10 @@ TABLE_ONE = (
 """Rows: 1 to 5 objects; columns: length 2 to 6 (Driess, Ha, Toussaint 2020, Table I)."""
 
 
-def run() -> int:
+def run(arguments: list[str]) -> int:
     """Count all 25 cells, print them beside the paper's; exit code 0 when all agree."""
+    if arguments:
+        raise DvrError(f"table1 takes no options, but was given {' '.join(arguments)}.")
     begin = time.monotonic()
     right = 0
     print("objects   length 2        3        4         5          6")

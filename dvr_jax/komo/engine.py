@@ -127,7 +127,8 @@ def solve(problems: Sequence[Problem], starts: Sequence[Variables], settings: Se
         for lane in ended:
             i = owner[lane]
             assert i is not None
-            results[i] = _solved(*jax.tree.map(lambda leaf, lane=lane: leaf[lane], final), int(status[lane]))
+            x, violations, iterations = jax.tree.map(lambda leaf, lane=lane: leaf[lane], final)
+            results[i] = _solved(x, violations, iterations, int(status[lane]))
             owner[lane] = waiting.pop() if waiting else None
         refilled = [lane for lane in ended if owner[lane] is not None]
         if refilled:

@@ -145,7 +145,8 @@ def propose_handover(step: Extension, holding: Holding, u: Array) -> Proposed:
     R = materialize(compose(materialize(compose(rotation_about_z(ca, sa), tip)), rotation_about_z(cy, sy)))[:, :, None]
     shape = m.shape[1:]
     poses = [_compose(R, p, *hand, shape) for hand in ((R_taker, p_taker), _held_frame(holding))]
-    return Proposed(m, *(jnp.stack(parts) for parts in zip(*poses, strict=True)), jnp.zeros_like(m[0]))
+    rotations, positions = zip(*poses, strict=True)
+    return Proposed(m, jnp.stack(rotations), jnp.stack(positions), jnp.zeros_like(m[0]))
 
 
 @Program

@@ -57,8 +57,8 @@ def arm_angles(arm: Array, R: Rotation, p: Vector, q7: Array) -> tuple[Array, Ar
     left, right = (base_pose(a) for a in range(2))
 
     def of_base(i: int) -> Array:
-        values = [jnp.asarray(base[i].T, q7.dtype)[..., None] for base in (left, right)]
-        return jnp.where(arm == 0, *values)
+        of_left, of_right = (jnp.asarray(base[i].T, q7.dtype)[..., None] for base in (left, right))
+        return jnp.where(arm == 0, of_left, of_right)
 
     base_R, base_p = of_base(0), of_base(1)
     in_base = compose(transpose(base_R), R)

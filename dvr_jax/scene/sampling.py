@@ -34,23 +34,23 @@ class SceneDistribution:
 
     shape: ShapeChoice = "box"
     """Shapes of the objects."""
-    narrow_side: Range = (0.04, 0.075)
+    narrow_side: Range = (0.05, 0.075)
     """A box's side that fits between the fingers (8 cm); which of x and y it is, is a coin's toss."""
-    wide_side: Range = (0.04, 0.20)
+    wide_side: Range = (0.05, 0.20)
     """A box's other horizontal side."""
-    height: Range = (0.05, 0.20)
+    height: Range = (0.04, 0.12)
     """Height of boxes and cylinders."""
     goal_radius: Range = (0.02, 0.0375)
     """Radius of a cylinder that is the goal's object: it fits between the fingers."""
     radius: Range = (0.02, 0.08)
     """Radius of the other cylinders: some are too thick to be grasped, and stand in the way for good."""
-    target_margin: Range = (0.02, 0.06)
+    target_margin: Range = (0.01, 0.03)
     """The target is a square, longer by this than the goal object's longest horizontal side."""
     x: Range = (-0.75, 0.75)
     """Centres of objects and target along the line through both bases."""
     y: Range = (-0.45, 0.45)
     """Centres of objects and target across it."""
-    base_distance: Range = (0.28, 0.75)
+    base_distance: Range = (0.28, 1.0)
     """Distance of every centre from the nearer base: within an arm's reach, not under its shoulder."""
     occupied_share: float = 0.5
     """Share of the scenes in which another object's centre is put onto the target (with two objects or more)."""
@@ -116,7 +116,7 @@ def _draw(
     if not occupied:
         return objects, goal, None
     occupant = (goal_index + int(generator.integers(1, number_of_objects))) % number_of_objects
-    offset = generator.uniform(-side / 2, side / 2, size=2) @ region.footprint.axes()
+    offset = generator.uniform(-side / 4, side / 4, size=2) @ region.footprint.axes()
     old = objects[occupant]
     position = (region.position[0] + float(offset[0]), region.position[1] + float(offset[1]))
     objects[occupant] = SceneObject(old.name, old.shape, old.size, position, old.yaw)

@@ -9,13 +9,13 @@ import math
 ARM_NAMES: tuple[str, str] = ("left", "right")
 """Names of arm 0 and arm 1; also the prefix of their bodies, joints, geoms and sites: "left/", "right/"."""
 
-TABLE_HALF_EXTENTS: tuple[float, float] = (0.9, 0.6)
+TABLE_HALF_EXTENTS: tuple[float, float] = (1.0, 0.6)
 """The table's top is x in [-0.9, 0.9], y in [-0.6, 0.6] (m)."""
 
 TABLE_THICKNESS = 0.04
 """The table's top reaches from z = -0.04 to z = 0 (m)."""
 
-BASE_POSITIONS: tuple[tuple[float, float], tuple[float, float]] = ((-0.6, 0.0), (0.6, 0.0))
+BASE_POSITIONS: tuple[tuple[float, float], tuple[float, float]] = ((-0.85, 0.0), (0.85, 0.0))
 """Positions (x, y) of the two bases on the table (m), 1.2 m apart: about 0.3 m of the table within reach of both."""
 
 BASE_YAWS: tuple[float, float] = (0.0, math.pi)

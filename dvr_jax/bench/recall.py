@@ -1,0 +1,306 @@
+"""Recall of the solver against an oracle of many random starts, on a frozen set of problems.
+
+`oracle` draws the problems and finds out, at great expense, which of them are feasible; `recall` solves them as a
+search does. A problem is a prefix whose parent the oracle found feasible, and one more action: what a search asks."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import jax
+import numpy as np
+import tyro
+from numpy.typing import NDArray
+
+from dvr_jax.check.replay import check_motion
+from dvr_jax.errors import DvrError
+from dvr_jax.komo.engine import Solved, path_problem, path_start, solve
+from dvr_jax.komo.interpolation import interpolate
+from dvr_jax.komo.problem import Problem, Variables
+from dvr_jax.komo.proposals import PITCH_RANGE
+from dvr_jax.komo.solver import Settings
+from dvr_jax.komo.transcription import refute, transcribe
+from dvr_jax.logic import Action, Grounding, ground_actions
+from dvr_jax.robot.kinematics import load_arm
+from dvr_jax.scene.sampling import sample_scene
+from dvr_jax.scene.scene import scene_from_json, scene_to_json
+from dvr_jax.scene.types import Scene
+from dvr_jax.scene.workspace import TABLE_HALF_EXTENTS
+from dvr_jax.search.tree import Node, SequenceTree
+
+PROBLEMS = Path("bench/recall_problems.jsonl")
+
+STARTS = 64
+"""Starts of the oracle."""
+
+ORACLE = Settings(iteration_limit=100, patience=8)
+"""The oracle's settings: more patient than those of a search."""
+
+TRIES = 40
+"""Actions tried to extend a prefix before another scene is drawn."""
+
+BUMP = 0.4
+"""Size of the random detour of the oracle's paths [rad]."""
+
+Floats = NDArray[np.float64]
+
+
+def random_keyframes(problem: Problem, generator: np.random.Generator) -> Variables:
+    """Joint angles near home or anywhere within the limits, mode parameters anywhere within their bounds."""
+    K = len(problem.is_grasp)
+    lower, upper = np.tile(load_arm().joint_limits, 2)
+    near = problem.home + generator.normal(size=(K, 14)) * 0.5
+    anywhere = generator.uniform(0.9 * lower + 0.1 * upper, 0.1 * lower + 0.9 * upper, (K, 14))
+    q = np.clip(near if generator.random() < 0.5 else anywhere, lower, upper)
+    half_x, half_y = TABLE_HALF_EXTENTS
+    m = np.zeros((K, 4))
+    for k in range(K):
+        if problem.is_grasp[k] > 0:
+            widest = np.array([1.0, 1.0, PITCH_RANGE, math.pi])
+            m[k] = generator.uniform(np.maximum(problem.lower[k], -widest), np.minimum(problem.upper[k], widest))
+            continue
+        x, y, yaw, side, front = problem.support[k]
+        spread = generator.uniform(-1, 1, 2) * (min(side, half_x), min(front, half_y)) * 0.8
+        c, s = math.cos(yaw), math.sin(yaw)
+        m[k, :2] = x + c * spread[0] - s * spread[1], y + s * spread[0] + c * spread[1]
+        m[k, 2] = generator.uniform(-math.pi, math.pi)
+    return Variables(q, m)
+
+
+def oracle_keyframes(
+    scene: Scene,
+    actions: Sequence[Action],
+    generator: np.random.Generator,
+    enough: int = 1,
+) -> list[Solved]:
+    """Feasible keyframes from random starts; stops when there are ``enough``."""
+    problem = transcribe(scene, actions)
+    found: list[Solved] = []
+    piece = 16
+    for _ in range(STARTS // piece):
+        starts = [random_keyframes(problem, generator) for _ in range(piece)]
+        found += [result for result in solve([problem] * piece, starts, ORACLE) if result.feasible]
+        if len(found) >= enough:
+            break
+    return found
+
+
+def oracle_path(problem: Problem, keyframes: Sequence[Solved], generator: np.random.Generator) -> bool:
+    """Whether any of many paths through feasible keyframes, each with a random detour in every phase, can be made
+    feasible."""
+    for number in range(STARTS):
+        chosen = keyframes[number % len(keyframes)]
+        start = path_start(problem, Variables(chosen.q, chosen.m))
+        K, T = len(chosen.m), len(start.q)
+        tau = (np.arange(T) % (T // K) + 1) / (T // K)
+        bump = np.repeat(generator.normal(size=(K, 14)) * BUMP * (number >= len(keyframes)), T // K, axis=0)
+        start = start._replace(q=start.q + bump * np.sin(np.pi * tau)[:, None] ** 2)
+        if solve([path_problem(problem, start)], [start], ORACLE)[0].feasible:
+            return True
+    return False
+
+
+def random_extension(
+    grounding: Grounding, scene: Scene, state: int, keep: Callable[[int], bool], generator: np.random.Generator
+) -> tuple[Action, int] | None:
+    """An applicable action that no constant of the scene refutes, and the state after it."""
+    for index in generator.permutation(list(grounding.applicable(state))):
+        action, after = grounding.actions[index], grounding.successor(state, int(index))
+        if keep(after) and refute(scene, action) is None:
+            return action, after
+    return None
+
+
+def draw_keyframe_problem(seed: int, index: int, length: int) -> dict[str, object]:
+    """A prefix whose parent is feasible, with the oracle's verdict."""
+    generator = np.random.default_rng([seed, index])
+    while True:
+        scene = sample_scene(generator, 2)
+        grounding = ground_actions([item.name for item in scene.objects], scene.goal.object)
+        actions: list[Action] = []
+        state, tries = grounding.initial_state, 0
+        while tries < TRIES:
+            tries += 1
+            last = len(actions) == length - 1
+            step = random_extension(grounding, scene, state, lambda after: True, generator)
+            if step is not None and not last and grounding.is_goal(step[1]):
+                continue
+            if step is None:
+                break
+            found = oracle_keyframes(scene, [*actions, step[0]], generator)
+            if last:
+                return _row(scene, [*actions, step[0]], "keyframes", bool(found))
+            if found:
+                actions, state = [*actions, step[0]], step[1]
+
+
+def _leads_to_goal(grounding: Grounding, left: int, state: int) -> bool:
+    """Whether the goal is reached in a state just when no action is left."""
+    if left == 0:
+        return grounding.is_goal(state)
+    return not grounding.is_goal(state) and grounding.can_reach_goal(state, left)
+
+
+def draw_path_problem(seed: int, index: int, length: int) -> dict[str, object]:
+    """A sequence that reaches the goal and has feasible keyframes, with the oracle's verdict on its path."""
+    generator = np.random.default_rng([seed, 1, index])
+    while True:
+        scene = sample_scene(generator, 2)
+        grounding = ground_actions([item.name for item in scene.objects], scene.goal.object)
+        actions: list[Action] = []
+        state, tries = grounding.initial_state, 0
+        while tries < TRIES and len(actions) < length:
+            tries += 1
+            left = length - len(actions) - 1
+
+            keep = partial(_leads_to_goal, grounding, left)
+            step = random_extension(grounding, scene, state, keep, generator)
+            if step is None:
+                break
+            found = oracle_keyframes(scene, [*actions, step[0]], generator, enough=1 if left else 8)
+            if found:
+                actions, state = [*actions, step[0]], step[1]
+        if len(actions) == length:
+            feasible = oracle_path(transcribe(scene, actions), found, generator)
+            return _row(scene, actions, "path", feasible)
+
+
+def _row(scene: Scene, actions: Sequence[Action], kind: str, feasible: bool) -> dict[str, object]:
+    return {
+        "kind": kind,
+        "length": len(actions),
+        "feasible": feasible,
+        "actions": [[action.operator, *action.arguments] for action in actions],
+        "scene": json.loads(scene_to_json(scene)),
+    }
+
+
+@dataclass(frozen=True)
+class OracleOptions:
+    """Draw problems and find the feasible ones by 64 random starts each."""
+
+    keyframes: int = 300
+    """Keyframe problems, of lengths 1 to 6 in turn."""
+    paths: int = 100
+    """Path problems, of lengths 2 to 6 in turn."""
+    seed: int = 900
+    """Of everything."""
+    out: Path = PROBLEMS
+    """JSON Lines file; problems that it already has are kept."""
+
+
+def run_oracle(arguments: list[str]) -> int:
+    """Draw the problem set."""
+    options = tyro.cli(OracleOptions, prog="python -m dvr_jax.bench oracle", args=arguments)
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    done = options.out.read_text(encoding="utf-8").count("\n") if options.out.exists() else 0
+    jobs = [("keyframes", index, 1 + index % 6) for index in range(options.keyframes)]
+    jobs += [("path", index, 2 + index % 5) for index in range(options.paths)]
+    with options.out.open("a", encoding="utf-8") as file, jax.enable_x64(True):
+        for kind, index, length in jobs[done:]:
+            draw = draw_keyframe_problem if kind == "keyframes" else draw_path_problem
+            row = draw(options.seed, index, length)
+            file.write(json.dumps(row) + "\n")
+            file.flush()
+            verdict = "feasible" if row["feasible"] else "infeasible"
+            print(f"  {kind} {index}: length {length}, {verdict}", file=sys.stderr, flush=True)
+    return 0
+
+
+@dataclass(frozen=True)
+class RecallOptions:
+    """Solve the oracle's problems as a search does, and compare the verdicts."""
+
+    problems: Path = PROBLEMS
+    """What `python -m dvr_jax.bench oracle` wrote."""
+
+
+def read_problems(path: Path) -> Iterator[tuple[Scene, list[Action], dict[str, object]]]:
+    """Scene, actions and row of each problem."""
+    if not path.exists():
+        raise DvrError(f"there is no file {path}; `python -m dvr_jax.bench oracle` writes it.")
+    for line in path.read_text(encoding="utf-8").splitlines():
+        row = json.loads(line)
+        actions = [Action(operator, tuple(arguments)) for operator, *arguments in row["actions"]]
+        yield scene_from_json(json.dumps(row["scene"])), actions, row
+
+
+def judge_prefix(tree: SequenceTree, actions: Sequence[Action]) -> Node:
+    """The node of a sequence, with the sequence bound of each of its prefixes."""
+    node = tree.root
+    for k in range(len(actions)):
+        child = Node(tuple(actions[: k + 1]), 0, node, reaches_goal=False)
+        if node.feasible:
+            tree.judge_sequences([child])
+        else:
+            child.feasible = False
+        node = child
+    return node
+
+
+def run(arguments: list[str]) -> int:
+    """Print recall by kind and length."""
+    options = tyro.cli(RecallOptions, prog="python -m dvr_jax.bench recall", args=arguments)
+    table: dict[tuple[str, int], list[tuple[bool, bool]]] = defaultdict(list)
+    checked: list[bool] = []
+    with jax.enable_x64(True):
+        for number, (scene, actions, row) in enumerate(read_problems(options.problems)):
+            tree = SequenceTree(scene, k_max=6)
+            node = judge_prefix(tree, actions)
+            ours = bool(node.feasible)
+            if row["kind"] == "path":
+                path = next(
+                    (
+                        p
+                        for n in range(tree.path_attempts(node) if ours else 0)
+                        if (p := tree.solve_path(node, n)).feasible
+                    ),
+                    None,
+                )
+                ours = path is not None
+                if path is not None:
+                    assert node.problem is not None
+                    checked.append(_passes(tree, scene, node, path))
+            if ours != row["feasible"]:
+                words = " ".join(map(str, actions))
+                print(
+                    f"  {row['kind']} {number}: oracle {row['feasible']}, ours {ours}: {words}",
+                    file=sys.stderr,
+                    flush=True,
+                )
+            table[str(row["kind"]), int(row["length"])].append((bool(row["feasible"]), ours))  # type: ignore[call-overload]
+    print("            problems   feasible: oracle   ours   both   recall   found by ours alone")
+    for kind in ("keyframes", "path"):
+        of_kind = {length: pairs for (k, length), pairs in table.items() if k == kind}
+        for length, pairs in sorted(of_kind.items()):
+            _print_line(f"{kind} {length}", pairs)
+        if of_kind:
+            _print_line(f"{kind} all", [pair for pairs in of_kind.values() for pair in pairs])
+    if checked:
+        print(f"feasible paths that pass the independent check: {sum(checked)} of {len(checked)}")
+    return 0
+
+
+def _passes(tree: SequenceTree, scene: Scene, node: Node, path: Solved) -> bool:
+    """Whether the check accepts a path, solved again with twice the slices if need be."""
+    assert node.problem is not None
+    if check_motion(scene, node.actions, interpolate(scene, node.problem, path.q, path.m)).passed:
+        return True
+    finer = tree.refine_path(node, path)
+    return (
+        finer.feasible and check_motion(scene, node.actions, interpolate(scene, node.problem, finer.q, finer.m)).passed
+    )
+
+
+def _print_line(name: str, pairs: list[tuple[bool, bool]]) -> None:
+    oracle, ours = sum(a for a, _ in pairs), sum(b for _, b in pairs)
+    both = sum(a and b for a, b in pairs)
+    recall = f"{both / oracle:7.1%}" if oracle else "      -"
+    print(f"{name:<14} {len(pairs):>6} {oracle:>18} {ours:>6} {both:>6}  {recall} {ours - both:>21}")

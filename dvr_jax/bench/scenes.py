@@ -1,0 +1,131 @@
+"""Plan many sampled scenes: solved share, lengths of the solutions, times; killed and started again it goes on.
+
+Every scene's result is one line of a JSON Lines file, written as soon as it is there."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import platform
+import statistics
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import tyro
+
+from dvr_jax.errors import DvrError
+from dvr_jax.planner import plan
+from dvr_jax.scene.sampling import SceneDistribution, ShapeChoice, sample_scenes
+from dvr_jax.search.searches import EXHAUSTED
+
+
+@dataclass(frozen=True)
+class ScenesOptions:
+    """Plan sampled scenes and say how many are solved, and with how many actions."""
+
+    number: int = 100
+    """Scenes."""
+    objects: int = 2
+    """Objects in each scene, 1 to 8."""
+    shape: ShapeChoice = "box"
+    """Shapes of the objects."""
+    seed: int = 1
+    """Of the scenes."""
+    search: str = "mbts"
+    """mbts or bfs."""
+    k_max: int = 6
+    """Largest number of actions."""
+    time_limit: float = 60.0
+    """For each scene [s]."""
+    workers: int = os.cpu_count() or 1
+    """Processes, one scene each at a time."""
+    out: Path | None = None
+    """JSON Lines file of results; scenes that it already has are not planned again."""
+
+
+def _plan_one(options: ScenesOptions, index: int) -> dict[str, object]:
+    distribution = SceneDistribution(shape=options.shape)
+    scene = list(sample_scenes(index + 1, options.objects, options.seed, distribution))[index]
+    result = plan(scene, options.search, options.k_max, seed=0, time_limit=options.time_limit)
+    return {
+        "scene": index,
+        "status": result.status,
+        "words": result.words,
+        "seconds": {name: round(value, 3) for name, value in result.seconds.items()},
+        "nlps": result.nlps,
+        "verdicts": result.verdicts,
+        "rejected": result.rejected,
+        "passed": result.report is not None and result.report.passed,
+    }
+
+
+def _header(options: ScenesOptions) -> dict[str, object]:
+    """What results must agree in to stand in one file."""
+    chosen = asdict(options)
+    for name in ("number", "workers", "out"):
+        del chosen[name]
+    return chosen
+
+
+def _read(options: ScenesOptions) -> dict[int, dict[str, object]]:
+    """Results so far, by scene; a last line that was cut short is dropped."""
+    if options.out is None or not options.out.exists():
+        return {}
+    lines = options.out.read_text(encoding="utf-8").splitlines(keepends=True)
+    whole = [line for line in lines if line.endswith("\n")]
+    if len(whole) < len(lines):
+        options.out.write_text("".join(whole), encoding="utf-8")
+    if not whole:
+        return {}
+    header = json.loads(whole[0])
+    if header["options"] != _header(options):
+        raise DvrError(f"{options.out} holds results of other options: {header['options']}; choose another --out.")
+    return {int(row["scene"]): row for row in map(json.loads, whole[1:])}
+
+
+def _results(options: ScenesOptions) -> Iterator[dict[str, object]]:
+    done = _read(options)
+    yield from (row for index, row in done.items() if index < options.number)
+    todo = [index for index in range(options.number) if index not in done]
+    if not todo:
+        return
+    file = options.out
+    if file is not None and not done:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        machine = {"machine": platform.processor() or platform.machine(), "cores": os.cpu_count()}
+        file.write_text(json.dumps({"options": _header(options), **machine}) + "\n", encoding="utf-8")
+    # Forked processes would share the parent's XLA threads, which do not survive a fork.
+    with ProcessPoolExecutor(options.workers, mp_context=multiprocessing.get_context("spawn")) as pool:
+        for future in as_completed([pool.submit(_plan_one, options, index) for index in todo]):
+            row = future.result()
+            if file is not None:
+                with file.open("a", encoding="utf-8") as out:
+                    out.write(json.dumps(row) + "\n")
+            words = f"{row['status']}, {len(row['words'])} actions"  # type: ignore[arg-type]
+            print(f"  scene {row['scene']}: {words}, {row['seconds']['total']} s", file=sys.stderr, flush=True)  # type: ignore[index]
+            yield row
+
+
+def run(arguments: list[str]) -> int:
+    """Plan the scenes, print the table."""
+    options = tyro.cli(ScenesOptions, prog="python -m dvr_jax.bench scenes", args=arguments)
+    rows = list(_results(options))
+    solved = [row for row in rows if row["words"]]
+    lengths = Counter(len(row["words"]) for row in solved)  # type: ignore[arg-type]
+    exhausted = sum(row["status"] == EXHAUSTED for row in rows)
+    passed = sum(bool(row["passed"]) for row in solved)
+    print(f"{len(rows)} scenes of {options.objects} objects ({options.shape}, seed {options.seed}), {options.search}")
+    print(f"solved {len(solved)} ({len(solved) / len(rows):.0%}); pass the independent check: {passed}")
+    print(f"unsolved: {exhausted} with the tree exhausted, {len(rows) - len(solved) - exhausted} at the time limit")
+    for length in range(2, options.k_max + 1):
+        of_length = [row for row in solved if len(row["words"]) == length]  # type: ignore[arg-type]
+        share = lengths[length] / len(rows)
+        seconds = [row["seconds"]["total"] for row in of_length]  # type: ignore[index]
+        median = f", median {statistics.median(seconds):.2f} s" if seconds else ""
+        print(f"  length {length}: {lengths[length]:>4} ({share:5.1%}) {'#' * round(100 * share)}{median}")
+    return 0
