@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 
 from dvr_jax.check.replay import check_motion
 from dvr_jax.errors import DvrError
+from dvr_jax.komo.augmented import Settings
 from dvr_jax.komo.engine import Solved, path_problem, path_start, solve
 from dvr_jax.komo.interpolation import interpolate
 from dvr_jax.komo.problem import Problem, Variables
 from dvr_jax.komo.proposals import PITCH_RANGE
-from dvr_jax.komo.solver import Settings
 from dvr_jax.komo.transcription import refute, transcribe
 from dvr_jax.logic import Action, Grounding, ground_actions
 from dvr_jax.robot.kinematics import load_arm

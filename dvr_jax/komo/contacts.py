@@ -39,7 +39,7 @@ _CAPSULES = ("column", "upper_arm", "elbow", "forearm", "wrist", "flange", "hand
 _FOREARM_ON, _WRIST_ON, _FLANGE_ON, _ALL = slice(3, 9), slice(4, 9), slice(5, 9), slice(0, 9)
 
 _CROSS_PAIRS = ((_FOREARM_ON, slice(1, 9)), (slice(1, 3), _FOREARM_ON))
-"""Rectangles of capsules (left arm's, right arm's). With bases 1.2 m apart no column is in the other arm's reach, and
+"""Rectangles of capsules (left arm's, right arm's). With bases 1.5 m apart no column is in the other arm's reach, and
 upper arm and elbow of one arm cannot meet those of the other."""
 
 _SELF_PAIRS = ((slice(0, 1), _FOREARM_ON), (slice(1, 2), _WRIST_ON), (slice(2, 4), _FLANGE_ON))

@@ -14,10 +14,11 @@ import jax
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
+from dvr_jax.komo.augmented import FEASIBLE, RUNNING, Settings
 from dvr_jax.komo.particles import RANDOM_SHAPE, SHARES, Particles, case_of, extend
 from dvr_jax.komo.problem import HELD_LEFT, Problem, Variables
 from dvr_jax.komo.proposals import Extension
-from dvr_jax.komo.solver import CHUNK, FEASIBLE, RUNNING, Settings, iterate, lay_out_trial, start
+from dvr_jax.komo.solver import CHUNK, iterate, lay_out_trial, start
 from dvr_jax.komo.verdict import Violations
 from dvr_jax.robot.inverse_kinematics import shift_gripper
 from dvr_jax.scene.workspace import BASE_POSITIONS
@@ -123,7 +124,7 @@ def solve(problems: Sequence[Problem], starts: Sequence[Variables], settings: Se
         ended = [lane for lane, i in enumerate(owner) if i is not None and status[lane] != RUNNING]
         if not ended:
             continue
-        final = jax.tree.map(np.asarray, (states.x, states.violations, states.iterations))
+        final = jax.tree.map(np.asarray, (states.x, states.report, states.iterations))
         for lane in ended:
             i = owner[lane]
             assert i is not None

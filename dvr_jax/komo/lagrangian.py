@@ -1,11 +1,5 @@
-"""The augmented Lagrangian of one NLP and its Gauss-Newton system.
-
-With costs r (sum of squares), equalities h = 0 and inequalities g <= 0, penalties p and multipliers y, z >= 0:
-
-    L(x) = 1/2 |r|^2 + y.h + p/2 |h|^2 + 1/(2 p) sum(max(0, z + p g)^2 - z^2)
-
-(Rockafellar 1973; Bertsekas 1982.) The Gauss-Newton matrix keeps J^T J of costs, equalities and active inequalities.
-"""
+"""Costs, constraint rows and Gauss-Newton system of one NLP: what the augmented Lagrangian (`dvr_jax.komo.augmented`)
+is made of here."""
 
 from __future__ import annotations
 
@@ -36,8 +30,13 @@ class Weights(NamedTuple):
     rest: float = 0.1
 
 
-class Multipliers(NamedTuple):
-    """Lagrange multipliers of all constraint rows."""
+WEIGHTS = Weights()
+"""What the solver uses."""
+
+
+class Residuals(NamedTuple):
+    """Constraint rows by the sign conventions g <= 0, h = 0; forces, curvatures and multipliers have the same
+    shapes."""
 
     distance: Array
     """(T', P), at the samples of the slices."""
@@ -51,17 +50,6 @@ class Multipliers(NamedTuple):
     """(2, K, 4) of the lower and the upper bounds of the mode parameters."""
     footprint: Array
     """(K, 4)."""
-
-
-class Residuals(NamedTuple):
-    """Constraint rows by the sign conventions g <= 0, h = 0; shapes as `Multipliers`."""
-
-    distance: Array
-    switch: Array
-    rest: Array
-    limit: Array
-    bound: Array
-    footprint: Array
 
 
 EQUALITIES = Residuals(False, True, True, False, False, False)
@@ -88,44 +76,11 @@ def residuals(problem: Problem, x: Variables, rows: Rows) -> Residuals:
     )
 
 
-def penalties(weights: Weights, penalty: Array, dtype: jnp.dtype) -> Residuals:
-    """Penalty of each kind of row; the switch rows' is ``(6,)``."""
-    switch = jnp.repeat(jnp.stack([jnp.asarray(weights.position, dtype), jnp.asarray(weights.rotation, dtype)]), 3)
-    return Residuals(
-        penalty * weights.distance,
-        penalty * switch,
-        penalty * weights.rest,
-        penalty * weights.limit,
-        penalty * weights.parameter,
-        penalty * weights.parameter,
-    )
-
-
-def update_multipliers(multipliers: Multipliers, c: Residuals, p: Residuals) -> Multipliers:
-    """First-order update ``y + p h`` and ``max(0, z + p g)``."""
-    updated = []
-    for y, value, penalty, equality in zip(multipliers, c, p, EQUALITIES, strict=True):
-        new = y + penalty * value
-        updated.append(new if equality else jnp.maximum(new, 0))
-    return Multipliers(*updated)
-
-
-def forces(multipliers: Multipliers, c: Residuals, p: Residuals) -> tuple[Residuals, Residuals, Array]:
-    """Per row: derivative of the Lagrangian with respect to it, its curvature (the penalty where active), and the
-    total."""
-    forces, curvatures, total = [], [], jnp.zeros((), c.switch.dtype)
-    for y, value, penalty, equality in zip(multipliers, c, p, EQUALITIES, strict=True):
-        force = y + penalty * value
-        if equality:
-            total += jnp.sum((y + 0.5 * penalty * value) * value)
-            curvatures.append(jnp.broadcast_to(penalty, value.shape))
-        else:
-            active = force > 0
-            force = jnp.where(active, force, 0)
-            total += jnp.sum((force * force - y * y) / (2 * penalty))
-            curvatures.append(jnp.where(active, penalty, 0))
-        forces.append(force)
-    return Residuals(*forces), Residuals(*curvatures), total
+def scales(weights: Weights, dtype: jnp.dtype) -> Residuals:
+    """Penalty of each kind of row relative to the common one; the switch rows' is ``(6,)``."""
+    switch = np.repeat([weights.position, weights.rotation], 3).astype(dtype)
+    numbers = (weights.distance, switch, weights.rest, weights.limit, weights.parameter, weights.parameter)
+    return Residuals(*(jnp.asarray(number, dtype) for number in numbers))
 
 
 def accelerations(problem: Problem, q: Array) -> Array:
@@ -134,12 +89,9 @@ def accelerations(problem: Problem, q: Array) -> Array:
     return extended[2:] - 2 * extended[1:-1] + extended[:-2]
 
 
-def augmented_value(
-    problem: Problem, x: Variables, c: Residuals, multipliers: Multipliers, p: Residuals, weights: Weights
-) -> Array:
-    """The augmented Lagrangian at ``x`` with constraint rows ``c``."""
-    _, _, value = forces(multipliers, c, p)
-    value += 0.5 * jnp.sum(problem.attraction * (x.q - problem.reference) ** 2)
+def cost(problem: Problem, x: Variables, weights: Weights) -> Array:
+    """Half the sum of all squared costs of one NLP."""
+    value = 0.5 * jnp.sum(problem.attraction * (x.q - problem.reference) ** 2)
     if x.q.shape[0] > x.m.shape[0]:
         value += 0.5 * weights.acceleration * jnp.sum(accelerations(problem, x.q) ** 2)
     return value
@@ -160,7 +112,7 @@ def gauss_newton_system(
         problem, x: of one NLP.
         distances: what the distances add, at its T' samples.
         slopes: of switches and footprints.
-        force, curvature: of all constraint rows (`forces`).
+        force, curvature: of all constraint rows (`dvr_jax.komo.augmented`).
     """
     T, K = x.q.shape[0], x.m.shape[0]
     S, N, dtype = T // K, problem.half.shape[0], x.q.dtype

@@ -46,11 +46,11 @@ class SceneDistribution:
     """Radius of the other cylinders: some are too thick to be grasped, and stand in the way for good."""
     target_margin: Range = (0.01, 0.03)
     """The target is a square, longer by this than the goal object's longest horizontal side."""
-    x: Range = (-0.75, 0.75)
+    x: Range = (-1.0, 1.0)
     """Centres of objects and target along the line through both bases."""
-    y: Range = (-0.45, 0.45)
+    y: Range = (-0.9, 0.9)
     """Centres of objects and target across it."""
-    base_distance: Range = (0.28, 1.0)
+    base_distance: Range = (0.28, 0.95)
     """Distance of every centre from the nearer base: within an arm's reach, not under its shoulder."""
     occupied_share: float = 0.5
     """Share of the scenes in which another object's centre is put onto the target (with two objects or more)."""

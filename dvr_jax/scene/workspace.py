@@ -1,7 +1,7 @@
 """The fixed part of every scene: the table, where the two Panda arms stand, and the arm's published constants.
 
 World frame: the table's top is z = 0, the origin lies in the middle between the two bases, z points up.
-Arm 0 is "left" (base at x = -0.6, facing +x), arm 1 is "right" (base at x = +0.6, facing -x). Metres and radians.
+Arm 0 is "left" (base at x = -0.75, facing +x), arm 1 is "right" (base at x = 0.75, facing -x). Metres and radians.
 """
 
 import math
@@ -9,14 +9,15 @@ import math
 ARM_NAMES: tuple[str, str] = ("left", "right")
 """Names of arm 0 and arm 1; also the prefix of their bodies, joints, geoms and sites: "left/", "right/"."""
 
-TABLE_HALF_EXTENTS: tuple[float, float] = (1.0, 0.6)
-"""The table's top is x in [-0.9, 0.9], y in [-0.6, 0.6] (m)."""
+TABLE_HALF_EXTENTS: tuple[float, float] = (1.1, 1.0)
+"""The table's top is x in [-1.1, 1.1], y in [-1.0, 1.0] (m)."""
 
 TABLE_THICKNESS = 0.04
 """The table's top reaches from z = -0.04 to z = 0 (m)."""
 
-BASE_POSITIONS: tuple[tuple[float, float], tuple[float, float]] = ((-0.85, 0.0), (0.85, 0.0))
-"""Positions (x, y) of the two bases on the table (m), 1.2 m apart: about 0.3 m of the table within reach of both."""
+BASE_POSITIONS: tuple[tuple[float, float], tuple[float, float]] = ((-0.75, 0.0), (0.75, 0.0))
+"""Positions (x, y) of the two bases on the table (m), 1.5 m apart: both reach the middle of the table, each
+alone what lies behind its own base."""
 
 BASE_YAWS: tuple[float, float] = (0.0, math.pi)
 """The bases' yaw (rad): they face each other."""

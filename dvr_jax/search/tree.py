@@ -17,6 +17,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 from itertools import groupby
 
+from dvr_jax.komo.augmented import Settings
 from dvr_jax.komo.engine import (
     Solved,
     adopt,
@@ -29,7 +30,6 @@ from dvr_jax.komo.engine import (
 )
 from dvr_jax.komo.particles import UNREACHABLE, Particles, empty_prefix
 from dvr_jax.komo.problem import ABSENT, Problem
-from dvr_jax.komo.solver import Settings
 from dvr_jax.komo.transcription import refute, transcribe
 from dvr_jax.logic import Action, Grounding, ground_actions
 from dvr_jax.scene.types import Scene

@@ -30,13 +30,17 @@ class Jacobians(NamedTuple):
 
 
 def evaluate(problems: Problem, x: Variables) -> tuple[Rows, Jacobians, Measured]:
-    B, T = x.q.shape[:2]
+    B = len(x.q)
     measured = measure(lay_out(problems, x))
     rows, slopes = collect(problems, x, measured.distance, measured.hand_R, measured.hand_p, measured.screws)
     L, P = measured.distance.shape
     J = distance_jacobian(measured, jnp.broadcast_to(jnp.arange(P), (L, P))).reshape(B, L // B, -1, P)
     arm = arm_signs().shape[1]
-    return rows, Jacobians(J[:, :, :14, :arm], J[:, :, :14, arm:], J[:, :, 14:, arm:], J[:, :, 14:, :arm], slopes), measured
+    return (
+        rows,
+        Jacobians(J[:, :, :14, :arm], J[:, :, :14, arm:], J[:, :, 14:, arm:], J[:, :, 14:, :arm], slopes),
+        measured,
+    )
 
 
 COMPILED = jax.jit(evaluate)

@@ -7,19 +7,17 @@ import numpy as np
 import pytest
 from komo_cases import Floats
 
+from dvr_jax.komo.augmented import forces, update_multipliers
 from dvr_jax.komo.banded import BorderedSystem, dense_matrix
 from dvr_jax.komo.lagrangian import (
     EQUALITIES,
-    Multipliers,
     Residuals,
     Weights,
     accelerations,
-    augmented_value,
-    forces,
+    cost,
     gauss_newton_system,
-    penalties,
     residuals,
-    update_multipliers,
+    scales,
 )
 from dvr_jax.komo.problem import Problem, Variables
 from dvr_jax.komo.slices import reduce_slices
@@ -43,7 +41,7 @@ class Lagrangian:
         self.x: Variables = jax.tree.map(lambda leaf: leaf[b], evaluated.case.x)
         self.S = evaluated.case.steps
         self.T, self.K = self.x.q.shape[0], self.x.m.shape[0]
-        self.p = penalties(WEIGHTS, np.array(PENALTY), np.dtype(float))
+        self.p = Residuals(*(PENALTY * scale for scale in scales(WEIGHTS, np.dtype(float))))
         self.c = self.constraints(self.x)
         generator = np.random.default_rng(b)
         multipliers = []
@@ -54,7 +52,7 @@ class Lagrangian:
             wanted = np.maximum(-penalty * value, 0) + np.abs(random)
             # Bounds that stand for none are 1e3 away: a force from there would drown all others in rounding.
             multipliers.append(random if equality else np.where((random > 0) & (value > -10), wanted, 0))
-        self.multipliers = Multipliers(*multipliers)
+        self.multipliers = Residuals(*multipliers)
         self.multipliers.distance[:, OBJECT_PAIRS] = 0
 
     def constraints(self, x: Variables) -> Residuals:
@@ -117,17 +115,17 @@ class Lagrangian:
     def system(self) -> BorderedSystem:
         _, J, measured = self.evaluated.results
         slopes = jax.tree.map(lambda leaf: leaf[self.b], J.slopes)
-        force, curvature, _ = forces(self.multipliers, self.c, self.p)
+        force, curvature, _ = forces(self.multipliers, self.c, self.p, EQUALITIES)
         # The slices of this problem among those of the batch.
         L, samples = len(measured.distance), self.evaluated.case.number_of_samples
         own = np.arange(L) // samples == self.b
-        everything = force.distance.shape[1]
+        everything = force[0].shape[1]
         pushes = (np.zeros((L, everything)), np.zeros((L, everything)))
-        for target, value in zip(pushes, (force.distance, curvature.distance), strict=True):
+        for target, value in zip(pushes, (force[0], curvature[0]), strict=True):
             target[own] = value
         reduced = jax.tree.map(lambda leaf: leaf[own], reduce_slices(measured, *pushes, active=everything))
         build = jax.jit(partial(gauss_newton_system, weights=WEIGHTS))
-        return build(self.problem, self.x, reduced, slopes, force, curvature)
+        return build(self.problem, self.x, reduced, slopes, Residuals(*force), Residuals(*curvature))
 
     @property
     def free(self) -> Floats:
@@ -169,9 +167,8 @@ def test_residuals_are_those_of_limits_and_bounds(lagrangian: Lagrangian) -> Non
 
 
 def test_value_is_the_definition(lagrangian: Lagrangian) -> None:
-    ours = augmented_value(
-        lagrangian.problem, lagrangian.x, lagrangian.c, lagrangian.multipliers, lagrangian.p, WEIGHTS
-    )
+    _, _, total = forces(lagrangian.multipliers, lagrangian.c, lagrangian.p, EQUALITIES)
+    ours = cost(lagrangian.problem, lagrangian.x, WEIGHTS) + total
     expected = lagrangian.value(lagrangian.x, lagrangian.rows([lagrangian.x])[0])
     np.testing.assert_allclose(ours, expected, rtol=1e-12)
 
@@ -221,7 +218,7 @@ def test_pinned_parameters_do_not_move(lagrangian: Lagrangian) -> None:
 
 def test_multiplier_update(lagrangian: Lagrangian) -> None:
     """First order: y + p h for equalities, max(0, z + p g) for inequalities."""
-    updated = update_multipliers(lagrangian.multipliers, lagrangian.c, lagrangian.p)
+    updated = update_multipliers(lagrangian.multipliers, lagrangian.c, lagrangian.p, EQUALITIES)
     for new, y, value, penalty, equality in zip(
         updated, lagrangian.multipliers, lagrangian.c, lagrangian.p, EQUALITIES, strict=True
     ):
@@ -230,6 +227,6 @@ def test_multiplier_update(lagrangian: Lagrangian) -> None:
 
 
 def test_penalties_follow_their_weights() -> None:
-    p = penalties(WEIGHTS, np.array(10.0), np.dtype(float))
-    np.testing.assert_allclose(p.switch, [9, 9, 9, 2, 2, 2])
-    np.testing.assert_allclose([p.distance, p.rest, p.limit, p.bound, p.footprint], [11, 5, 4, 12, 12])
+    p = scales(WEIGHTS, np.dtype(float))
+    np.testing.assert_allclose(p.switch, [0.9, 0.9, 0.9, 0.2, 0.2, 0.2])
+    np.testing.assert_allclose([p.distance, p.rest, p.limit, p.bound, p.footprint], [1.1, 0.5, 0.4, 1.2, 1.2])
