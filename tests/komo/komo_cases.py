@@ -113,7 +113,7 @@ def make_case(steps: int, repeats: int, seed: int, level: bool = False) -> Case:
     generator = np.random.default_rng(seed)
     B, K = problems.switched_object.shape
     if level:
-        below = np.array([[-0.25, 0.0], [0.25, 0.0], [-0.25, 0.0]])
+        below = np.array([[-0.4, 0.0], [0.4, 0.0], [-0.4, 0.0]])
         problems.initial_pose[..., :2] = below + generator.normal(size=(B, 3, 2)) * 0.05
     limits = np.tile(load_arm().joint_limits, 2)
     noise = np.tile([0.6, 0.03, 0.03, 0.03, 0.03, 0.03, 0.6], 2) if level else 0.25

@@ -117,14 +117,14 @@ def test_unreachable_poses_are_invalid_and_finite(solve: Solve, reached: Reached
     n = 60
     p = reached.p[:n].copy()
     p[:20] += [0, 3.0, 0]
-    p[20:40] = np.where(reached.arm[20:40, None] == 0, [-0.6, 0, 0.333], [0.6, 0, 0.333])
+    p[20:40] = np.where(reached.arm[20:40, None] == 0, [-0.75, 0, 0.333], [0.75, 0, 0.333])
     p[40:] = [0, 0, 50]
     q, valid = solve(reached.arm[:n], reached.R[:n], p, reached.q[:n, 6])
     assert np.isfinite(q).all()
     assert not valid[:, :20].any()
     assert not valid[:, 40:].any()
     aligned = np.broadcast_to(np.diag([1.0, -1.0, -1.0]), (n, 3, 3))
-    for point in ([-0.6, 0, 0.333], [-0.6, 0, 0.333 + 0.316 + 0.384], [-0.6, 0, 1.2], [0, 0, 0]):
+    for point in ([-0.75, 0, 0.333], [-0.75, 0, 0.333 + 0.316 + 0.384], [-0.75, 0, 1.2], [0, 0, 0]):
         q, valid = solve(np.zeros(n, int), aligned, np.tile(np.array(point), (n, 1)), np.linspace(-2.8, 2.8, n))
         assert np.isfinite(q).all()
 

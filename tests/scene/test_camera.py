@@ -56,9 +56,9 @@ def test_depth_on_paper() -> None:
         # Depth is along the axis, so the whole top face of an object has one depth, however far aside it stands.
         on_top = np.abs(image.depth[mask] - (height - top)) < 1e-5
         assert on_top.mean() > 0.8
-    # Top face of the box: 0.2 x 0.1 m seen from 1.8 m; a pixel covers (2 * 1.8 * tan(23 deg) / 201)^2.
-    pixel = 2 * 1.8 * math.tan(SCENE_CAMERA.field_of_view / 2) / 201
-    count = np.sum(image.object_masks[0] & (np.abs(image.depth - 1.8) < 1e-5))
+    # Top face of the box: 0.2 x 0.1 m, 0.2 m above the table.
+    pixel = 2 * (height - 0.2) * math.tan(SCENE_CAMERA.field_of_view / 2) / 201
+    count = np.sum(image.object_masks[0] & (np.abs(image.depth - (height - 0.2)) < 1e-5))
     assert count * pixel**2 == pytest.approx(0.02, rel=0.05)
     assert image.depth[0, 100] == FARTHEST_DEPTH  # beyond the table's edge
 

@@ -118,7 +118,7 @@ def test_layout_limits_and_home(model: mujoco.MjModel) -> None:
     np.testing.assert_allclose(model.key("home").qpos, home_qpos(SCENE), atol=1e-15)
     # The maker's home posture: gripper 0.307 m before the base, pointing down.
     data = build_home_data(model)
-    np.testing.assert_allclose(data.site("left/gripper").xpos, [-0.6 + 0.3069, 0.0, 0.4869], atol=1e-4)
+    np.testing.assert_allclose(data.site("left/gripper").xpos, [-0.75 + 0.3069, 0.0, 0.4869], atol=1e-4)
     np.testing.assert_allclose(data.site("right/gripper").xmat.reshape(3, 3)[:, 2], [0, 0, -1], atol=1e-12)
 
 
