@@ -104,7 +104,7 @@ def test_objects_and_objects(measured: ObjectRows) -> None:
     """Never more than the distance, equal to it in at least half of the rows, and of its sign."""
     where = measured.counts & ~measured.is_capsule & ~measured.is_table
     ours, expected = measured.ours[where], measured.expected[where]
-    assert (expected < 0.2).sum() >= 5
+    assert (expected < 0.3).sum() >= 5
     assert (ours <= expected + ABSOLUTE).all()
     assert (np.abs(ours - expected) <= RELATIVE * np.abs(expected)).mean() > 0.5
     assert ((ours > 0) == (expected > 0)).all()
@@ -159,8 +159,11 @@ def contacts_without_a_row(model) -> dict[frozenset[str], float]:
     data.qpos[layout.objects[:, 0]] = 50 + np.arange(len(SCENE.objects))
     missing: dict[frozenset[str], float] = {}
     touched = set()
-    for _ in range(8000):
-        data.qpos[layout.arm_joints] = generator.uniform(JOINT_LOWER, JOINT_UPPER, (2, 7))
+    for index in range(8000):
+        angles = generator.uniform(JOINT_LOWER, JOINT_UPPER, (2, 7))
+        if index % 2:  # stretched towards each other, else they seldom meet
+            angles[:, [0, 1, 3]] = generator.uniform([-0.4, 0.5, -1.5], [0.4, 1.7, -0.1], (2, 3))
+        data.qpos[layout.arm_joints] = angles
         data.qpos[layout.fingers] = FINGER_OPEN
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)

@@ -69,10 +69,14 @@ def model() -> mujoco.MjModel:
 
 
 def random_states(model: mujoco.MjModel, number: int) -> Iterator[mujoco.MjData]:
-    """States with arms anywhere within their limits; only positions are computed."""
+    """States with arms anywhere within their limits, every second time stretched towards each other; only positions
+    are computed."""
     generator, layout, data = np.random.default_rng(0), qpos_layout(2), build_home_data(model)
-    for _ in range(number):
-        data.qpos[layout.arm_joints] = generator.uniform(JOINT_LOWER, JOINT_UPPER, (2, 7))
+    for index in range(number):
+        angles = generator.uniform(JOINT_LOWER, JOINT_UPPER, (2, 7))
+        if index % 2:
+            angles[:, [0, 1, 3]] = generator.uniform([-0.4, 0.5, -1.5], [0.4, 1.7, -0.1], (2, 3))
+        data.qpos[layout.arm_joints] = angles
         data.qpos[layout.fingers] = generator.uniform(0, 0.04, (2, 2))
         mujoco.mj_kinematics(model, data)
         yield data
@@ -158,7 +162,7 @@ def test_finger_pads_lie_at_half_the_opening(model: mujoco.MjModel) -> None:
 
 def test_who_touches_whom(model: mujoco.MjModel) -> None:
     seen = set()
-    for data in random_states(model, 1500):
+    for data in random_states(model, 3000):
         mujoco.mj_collision(model, data)
         for first, second in data.contact.geom:
             seen.add(frozenset((model.geom(first).name, model.geom(second).name)))

@@ -32,11 +32,13 @@ def test_scenes_are_valid_and_within_ranges(number_of_objects: int, shape: str) 
         assert 2 * min(goal.half_extents[:2]) <= MAXIMUM_OPENING  # it can be grasped at all
         assert not inside(goal.footprint, scene.goal.region.footprint)
         longest = 2 * max(goal.half_extents[:2])
-        assert 0.02 <= scene.goal.region.size[0] - longest <= 0.06
+        low, high = distribution.target_margin
+        assert low <= scene.goal.region.size[0] - longest <= high
         for item in scene.objects:
             assert shape in ("mixed", item.shape)
-            assert 0.05 <= item.height <= 0.20
-            assert 0.28 <= min(math.dist(item.position, base) for base in BASE_POSITIONS) <= 0.75
+            assert distribution.height[0] <= item.height <= distribution.height[1]
+            near, far = distribution.base_distance
+            assert near <= min(math.dist(item.position, base) for base in BASE_POSITIONS) <= far
 
 
 def test_a_longer_draw_begins_with_the_shorter() -> None:
