@@ -136,7 +136,7 @@ def draw_keyframe_problem(seed: int, index: int, length: int) -> dict[str, objec
                 break
             found = oracle_keyframes(scene, [*actions, step[0]], generator)
             if last:
-                return _row(scene, [*actions, step[0]], "keyframes", bool(found))
+                return _row(scene, [*actions, step[0]], bool(found))
             if found:
                 actions, state = [*actions, step[0]], step[1]
 
@@ -169,12 +169,11 @@ def draw_path_problem(seed: int, index: int, length: int) -> dict[str, object]:
                 actions, state = [*actions, step[0]], step[1]
         if len(actions) == length:
             feasible = oracle_path(transcribe(scene, actions), found, generator)
-            return _row(scene, actions, "path", feasible)
+            return _row(scene, actions, feasible)
 
 
-def _row(scene: Scene, actions: Sequence[Action], kind: str, feasible: bool) -> dict[str, object]:
+def _row(scene: Scene, actions: Sequence[Action], feasible: bool) -> dict[str, object]:
     return {
-        "kind": kind,
         "length": len(actions),
         "feasible": feasible,
         "actions": [[action.operator, *action.arguments] for action in actions],
@@ -200,13 +199,16 @@ def run_oracle(arguments: list[str]) -> int:
     """Draw the problem set."""
     options = tyro.cli(OracleOptions, prog="python -m dvr_jax.bench oracle", args=arguments)
     options.out.parent.mkdir(parents=True, exist_ok=True)
-    done = options.out.read_text(encoding="utf-8").count("\n") if options.out.exists() else 0
+    lines = options.out.read_text(encoding="utf-8").splitlines() if options.out.exists() else []
+    done = {(row["kind"], row["index"]) for row in map(json.loads, lines)}
     jobs = [("keyframes", index, 1 + index % 6) for index in range(options.keyframes)]
     jobs += [("path", index, 2 + index % 5) for index in range(options.paths)]
     with options.out.open("a", encoding="utf-8") as file, jax.enable_x64(True):
-        for kind, index, length in jobs[done:]:
+        for kind, index, length in jobs:
+            if (kind, index) in done:
+                continue
             draw = draw_keyframe_problem if kind == "keyframes" else draw_path_problem
-            row = draw(options.seed, index, length)
+            row = {"kind": kind, "index": index, **draw(options.seed, index, length)}
             file.write(json.dumps(row) + "\n")
             file.flush()
             verdict = "feasible" if row["feasible"] else "infeasible"

@@ -47,7 +47,7 @@ class Settings(NamedTuple):
     damping_limit: float = 1e4
     final_step: float = 1e-1
     """A feasible lane ends when its last accepted step was no longer than this."""
-    iteration_limit: int = 30
+    iteration_limit: int = 40
     patience: int = 5
     """A lane stagnates after so many multiplier updates in a row without a violation 10 % below the best."""
 

@@ -33,6 +33,9 @@ REFINEMENTS = 1
 BATCH = 64
 """Leaves judged before paths of the feasible ones are tried."""
 
+EAGER = 3
+"""Length up to which multi-bound search takes the pose bound of all prefixes."""
+
 
 @dataclass(slots=True)
 class Outcome:
@@ -71,20 +74,20 @@ class _Run:
         """Those that pass."""
         with self.timed("pose"):
             verdicts = self.tree.judge_poses(nodes)
+        for node, verdict in zip(nodes, verdicts, strict=True):
+            if not verdict:
+                node.feasible = False
         return [node for node, verdict in zip(nodes, verdicts, strict=True) if verdict]
 
     def judge_lines(self, leaves: list[Node]) -> list[Node]:
         """Sequence bound of leaves, along their prefixes: those that pass."""
         for depth in range(1, max((leaf.depth for leaf in leaves), default=0) + 1):
-            prefixes: dict[int, Node] = {}
-            for leaf in leaves:
-                node = leaf.ancestor(depth)
+            prefixes = dict.fromkeys(leaf.ancestor(depth) for leaf in leaves)
+            for node in prefixes:
                 assert node.parent is not None
                 if node.feasible is None and node.parent.feasible is False:
                     node.feasible = False
-                if node.feasible is None:
-                    prefixes[id(node)] = node
-            self.judge_sequences(list(prefixes.values()))
+            self.judge_sequences([node for node in prefixes if node.feasible is None])
         return [leaf for leaf in leaves if leaf.feasible]
 
     def try_leaves(self, leaves: list[Node]) -> Outcome | None:
@@ -120,14 +123,12 @@ def _batches(nodes: list[Node]) -> list[list[Node]]:
 
 
 def _search(
-    run: _Run,
-    judge_leaves: Callable[[list[Node]], list[Node]],
-    judge: Callable[[list[Node]], list[Node]],
+    run: _Run, judge_leaves: Callable[[list[Node]], list[Node]], judge: Callable[[list[Node]], list[Node]]
 ) -> Outcome:
     """Level by level: ``judge_leaves`` gives the leaves whose paths are tried, ``judge`` the prefixes to go on from."""
     level = [run.tree.root]
     for depth in range(1, run.tree.k_max + 1):
-        children = [child for node in level for child in run.tree.expand(node)]
+        children = [child for node in level if node.feasible is not False for child in run.tree.expand(node)]
         leaves = [node for node in children if node.reaches_goal]
         run.progress(f"length {depth}: {len(children)} prefixes, {len(leaves)} reach the goal")
         for batch in _batches(leaves):
@@ -145,12 +146,24 @@ def breadth_first(run: _Run) -> Outcome:
 
 
 def multi_bound(run: _Run) -> Outcome:
-    """Multi-bound tree search: the pose bound prunes, the sequence bound is taken along goal-reaching sequences."""
+    """Multi-bound tree search: the pose bound prunes, the sequence bound is taken along goal-reaching sequences.
+
+    Pose bounds of short prefixes are taken at once; those of longer ones, which are many, only along the sequences
+    whose turn it is, or where a shorter one has refuted them already."""
 
     def judge(nodes: list[Node]) -> list[Node]:
-        return run.judge_poses([node for node in nodes if node.feasible is not False])
+        if nodes and nodes[0].depth <= EAGER:
+            return run.judge_poses(nodes)
+        return [node for node in nodes if run.tree.known_pose(node) is not False]
 
-    return _search(run, lambda leaves: run.judge_lines(judge(leaves)), judge)
+    def judge_leaves(leaves: list[Node]) -> list[Node]:
+        for depth in range(1, max(leaf.depth for leaf in leaves) + 1):
+            prefixes = dict.fromkeys(leaf.ancestor(depth) for leaf in leaves)
+            passed = set(run.judge_poses(list(prefixes)))
+            leaves = [leaf for leaf in leaves if leaf.ancestor(depth) in passed]
+        return run.judge_lines(leaves)
+
+    return _search(run, judge_leaves, judge)
 
 
 SEARCHES: dict[str, Callable[[_Run], Outcome]] = {"mbts": multi_bound, "bfs": breadth_first}

@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
 
@@ -54,7 +55,7 @@ _PoseKey = tuple[tuple[Action, ...], frozenset[str]]
 """Actions on one object, and the other objects that have moved meanwhile."""
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class Node:
     """A prefix: a sequence of applicable actions."""
 
@@ -66,7 +67,7 @@ class Node:
     problem: Problem | None = None
     particles: Particles | None = None
     feasible: bool | None = None
-    """Verdict of the sequence bound; None: not computed."""
+    """Verdict of the sequence bound, or False by the pose bound; None: not computed."""
     children: list[Node] | None = None
 
     @property
@@ -149,6 +150,15 @@ class SequenceTree:
             self._judge_chains(list(dict.fromkeys(keys)))
         return [bool(self._poses[chain][ignored].feasible) for chain, ignored in map(self._chain, nodes)]
 
+    def known_pose(self, node: Node) -> bool | None:
+        """Verdict of a node's pose bound if some other node has led to it; None: not known."""
+        chain, ignored = self._chain(node)
+        for length in range(1, len(chain) + 1):
+            known = self._poses.get(chain[:length], {}).get(ignored)
+            if known is None or known.feasible is False:
+                return None if known is None else False
+        return True
+
     def _judge_chains(self, keys: list[_PoseKey]) -> None:
         """Verdicts of chains of one length, whose prefixes have theirs."""
         # What is feasible with few objects left out is so with more: few first, and the others inherit.
@@ -210,27 +220,30 @@ class SequenceTree:
         return [node for node in nodes if not node.feasible]
 
     def _solve(self, nodes: list[Node], bound: str) -> None:
-        """Keyframe NLPs of nodes that no particle proved feasible."""
+        """Keyframe NLPs of nodes that no particle proved feasible: all from their best particle, then those that failed
+        from the others."""
         groups: dict[int, list[Node]] = {}
         for node in nodes:
             groups.setdefault(node.depth, []).append(node)
-        for depth, group in groups.items():
-            for first in range(0, len(group), BATCH):
-                self._look_at_the_clock()
-                # Where inverse kinematics found nothing at all, more starts are no better than one.
-                lanes = [
-                    (node, rank)
-                    for node in group[first : first + BATCH]
-                    for rank in range(STARTS if node.particles.violation.min() < UNREACHABLE else 1)  # type: ignore[union-attr]
-                ]
-                starts = [keyframe_start(node.particles, rank, depth) for node, rank in lanes]  # type: ignore[arg-type]
-                solutions = solve([node.problem for node, _ in lanes], starts, self.settings)  # type: ignore[misc]
-                self.counts.nlps[bound] += len(lanes)
-                for (node, _), solution in zip(lanes, solutions, strict=True):
-                    if solution.feasible:
-                        self.counts.feasible[bound] += not node.feasible
-                        node.feasible = True
-                        node.particles = adopt(node.particles, node.problem, solution)  # type: ignore[arg-type]
+        for group in groups.values():
+            failed = self._solve_from(group, [0], bound)
+            # Where inverse kinematics found nothing at all, more starts are no better than one.
+            self._solve_from([node for node in failed if _is_reached(node)], range(1, STARTS), bound)
+
+    def _solve_from(self, nodes: list[Node], ranks: Sequence[int], bound: str) -> list[Node]:
+        """Keyframe NLPs of nodes of one depth from their particles of these ranks; those nodes that failed."""
+        for first in range(0, len(nodes), BATCH):
+            self._look_at_the_clock()
+            lanes = [(node, rank) for node in nodes[first : first + BATCH] for rank in ranks]
+            starts = [keyframe_start(node.particles, rank, node.depth) for node, rank in lanes]  # type: ignore[arg-type]
+            solutions = solve([node.problem for node, _ in lanes], starts, self.settings)  # type: ignore[misc]
+            self.counts.nlps[bound] += len(lanes)
+            for (node, _), solution in zip(lanes, solutions, strict=True):
+                if solution.feasible:
+                    self.counts.feasible[bound] += not node.feasible
+                    node.feasible = True
+                    node.particles = adopt(node.particles, node.problem, solution)  # type: ignore[arg-type]
+        return [node for node in nodes if not node.feasible]
 
     def _parent_particles(self, node: Node, ignored: tuple[str, ...]) -> Particles:
         assert node.parent is not None and node.parent.particles is not None
@@ -261,6 +274,11 @@ class SequenceTree:
         self.counts.nlps["refined path"] += 1
         start = refined_start(node.problem, path)
         return solve([path_problem(node.problem, start)], [start], self.settings)[0]
+
+
+def _is_reached(node: Node) -> bool:
+    """Whether inverse kinematics found all postures of some particle."""
+    return node.particles is not None and bool(node.particles.violation.min() < UNREACHABLE)
 
 
 def _object_of(action: Action) -> str:
