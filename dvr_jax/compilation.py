@@ -88,7 +88,9 @@ class Program(Generic[_P, _R]):
         except Exception:
             pass  # Absent, cut short, or of another jaxlib: whatever it is, it is of no use.
         compiled = self._compile(args)
-        _write(path, pickle.dumps(serialize_executable.serialize(compiled)))
+        # What JAX's own cache gives back cannot be serialised again: the copy lacks its functions.
+        if jax.config.values["jax_compilation_cache_dir"] is None:
+            _write(path, pickle.dumps(serialize_executable.serialize(compiled)))
         return compiled
 
 

@@ -13,6 +13,4 @@ jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_platforms", "cpu")
 # Implicit rank promotion is allowed: the library broadcasts per-pair constants and single weights against batches.
 jax.config.update("jax_numpy_rank_promotion", "allow")
-_cache = Path(os.environ.get("XDG_CACHE_HOME") or tempfile.gettempdir()) / f"dvr_jax_tests_{os.getuid()}"
-jax.config.update("jax_compilation_cache_dir", str(_cache))
-jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+os.environ.setdefault("DVR_JAX_CACHE", str(Path(tempfile.gettempdir()) / f"dvr_jax_tests_{os.getuid()}"))

@@ -65,7 +65,7 @@ def _solve(system: System, damping: Array) -> Array:
 def _start(example: Example, settings: Settings) -> Lane:
     x = np.array(example.start)
     infinity, count = np.array(np.inf), np.array(0, np.int32)
-    # The first trial point is the start. A step of 1 leads there: after a step of 0 a feasible start would end the lane.
+    # The first trial point is the start, reached by a step of 1: after a step of 0 a feasible start would end the lane.
     return Lane(
         x=x - 1,
         step=np.ones_like(x),
@@ -100,7 +100,8 @@ def _iterate(example: Example, settings: Settings, lane: Lane) -> Lane:
     return augmented.advance(settings, lane, judged, System(matrix, gradient), ratio, _solve)
 
 
-@partial(jax.jit, static_argnums=0)
+# Each program runs for milliseconds: optimizing it takes longer than it saves.
+@partial(jax.jit, static_argnums=0, compiler_options={"xla_backend_optimization_level": 0})
 def _run(example: Example, settings: Settings, lane: Lane) -> Lane:
     return jax.lax.while_loop(lambda lane: lane.status == RUNNING, partial(_iterate, example, settings), lane)
 
