@@ -211,7 +211,7 @@ def advance(
         multipliers=judged.multipliers,
         penalty=judged.penalty,
         damping=damping,
-        value=jnp.where(stuck | (broken & ~first), jnp.inf, value),
+        value=jnp.where(broken & ~first & ~stuck, jnp.inf, value),
         system=system,
         report=report,
         updated_ratio=jnp.where(judged.ended, judged.ratio, lane.updated_ratio),
