@@ -15,6 +15,7 @@ from functools import partial
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import tyro
 from numpy.typing import NDArray
@@ -71,7 +72,7 @@ def random_keyframes(problem: Problem, generator: np.random.Generator) -> Variab
         c, s = math.cos(yaw), math.sin(yaw)
         m[k, :2] = x + c * spread[0] - s * spread[1], y + s * spread[0] + c * spread[1]
         m[k, 2] = generator.uniform(-math.pi, math.pi)
-    return Variables(q, m)
+    return Variables(jnp.asarray(q), jnp.asarray(m))
 
 
 def oracle_keyframes(
@@ -97,7 +98,7 @@ def oracle_path(problem: Problem, keyframes: Sequence[Solved], generator: np.ran
     feasible."""
     for number in range(STARTS):
         chosen = keyframes[number % len(keyframes)]
-        start = path_start(problem, Variables(chosen.q, chosen.m))
+        start = path_start(problem, Variables(jnp.asarray(chosen.q), jnp.asarray(chosen.m)))
         K, T = len(chosen.m), len(start.q)
         tau = (np.arange(T) % (T // K) + 1) / (T // K)
         bump = np.repeat(generator.normal(size=(K, 14)) * BUMP * (number >= len(keyframes)), T // K, axis=0)

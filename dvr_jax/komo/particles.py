@@ -2,14 +2,13 @@
 
 The NLP has local minima (which way the elbow points, from which side the gripper comes, where on the table an object
 is put), and one start near the home posture misses most feasible problems. So every prefix of a sequence keeps a few
-dozen
-*particles*: joint
-angles at each switch and mode parameters that meet all switch constraints exactly, by closed-form inverse kinematics,
-ranked by how deep things penetrate. A child's particles are sampled from its parent's: proposals of mode parameters,
-inverse kinematics, distances, the best kept with a share for every parent. Sequences with a common prefix share its
-particles.
+*particles*: joint angles at each switch and mode parameters that meet all switch constraints exactly, by closed-form
+inverse kinematics, ranked by how deep things penetrate. A child's particles are sampled from its parent's: proposals
+of mode parameters, inverse kinematics, distances, the best kept with a share for every parent. Sequences with a common
+prefix share its particles.
 
-Particles propose, the NLP decides: no verdict is taken here.
+Particles propose. One that touches nothing is a feasible point by itself (`dvr_jax.search.tree.WITNESS`); in all other
+cases the NLP decides.
 """
 
 from __future__ import annotations
