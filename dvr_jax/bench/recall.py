@@ -35,6 +35,7 @@ from dvr_jax.scene.scene import scene_from_json, scene_to_json
 from dvr_jax.scene.types import Scene
 from dvr_jax.scene.workspace import TABLE_HALF_EXTENTS
 from dvr_jax.search.tree import Node, SequenceTree
+from dvr_jax.search.work import Steps, run_together
 
 PROBLEMS = Path("bench/recall_problems.jsonl")
 
@@ -235,17 +236,39 @@ def read_problems(path: Path) -> Iterator[tuple[Scene, list[Action], dict[str, o
         yield scene_from_json(json.dumps(row["scene"])), actions, row
 
 
-def judge_prefix(tree: SequenceTree, actions: Sequence[Action]) -> Node:
+def judge_prefix(tree: SequenceTree, actions: Sequence[Action]) -> Steps[Node]:
     """The node of a sequence, with the sequence bound of each of its prefixes."""
     node = tree.root
     for k in range(len(actions)):
         child = Node(tuple(actions[: k + 1]), 0, node, reaches_goal=False)
         if node.feasible:
-            tree.judge_sequences([child])
+            yield from tree.judge_sequences([child])
         else:
             child.feasible = False
         node = child
     return node
+
+
+def _judge(scene: Scene, actions: Sequence[Action], is_path: bool) -> Steps[tuple[bool, bool | None]]:
+    """Our verdict on a problem, and whether the check accepts its path (None: there is no path)."""
+    tree = SequenceTree(scene, k_max=6)
+    node = yield from judge_prefix(tree, actions)
+    if not (is_path and node.feasible):
+        return bool(node.feasible) and not is_path, None
+    for attempt in range(tree.path_attempts(node)):
+        path = yield from tree.solve_path(node, attempt)
+        if not path.feasible:
+            continue
+        if _passes(scene, node, path):
+            return True, True
+        finer = yield from tree.refine_path(node, path)
+        return True, finer.feasible and _passes(scene, node, finer)
+    return False, None
+
+
+def _passes(scene: Scene, node: Node, path: Solved) -> bool:
+    assert node.problem is not None
+    return check_motion(scene, node.actions, interpolate(scene, node.problem, path.q, path.m)).passed
 
 
 def run(arguments: list[str]) -> int:
@@ -253,32 +276,18 @@ def run(arguments: list[str]) -> int:
     options = tyro.cli(RecallOptions, prog="python -m dvr_jax.bench recall", args=arguments)
     table: dict[tuple[str, int], list[tuple[bool, bool]]] = defaultdict(list)
     checked: list[bool] = []
+    problems = list(read_problems(options.problems))
     with jax.enable_x64(True):
-        for number, (scene, actions, row) in enumerate(read_problems(options.problems)):
-            tree = SequenceTree(scene, k_max=6)
-            node = judge_prefix(tree, actions)
-            ours = bool(node.feasible)
-            if row["kind"] == "path":
-                path = next(
-                    (
-                        p
-                        for n in range(tree.path_attempts(node) if ours else 0)
-                        if (p := tree.solve_path(node, n)).feasible
-                    ),
-                    None,
-                )
-                ours = path is not None
-                if path is not None:
-                    assert node.problem is not None
-                    checked.append(_passes(tree, scene, node, path))
-            if ours != row["feasible"]:
-                words = " ".join(map(str, actions))
-                print(
-                    f"  {row['kind']} {number}: oracle {row['feasible']}, ours {ours}: {words}",
-                    file=sys.stderr,
-                    flush=True,
-                )
-            table[str(row["kind"]), int(row["length"])].append((bool(row["feasible"]), ours))  # type: ignore[call-overload]
+        judged = run_together([_judge(scene, actions, row["kind"] == "path") for scene, actions, row in problems])
+        verdicts = dict(judged)
+    for number, (_, actions, row) in enumerate(problems):
+        ours, passed = verdicts[number]
+        if passed is not None:
+            checked.append(passed)
+        if ours != row["feasible"]:
+            words = " ".join(map(str, actions))
+            print(f"  {row['kind']} {number}: oracle {row['feasible']}, ours {ours}: {words}", file=sys.stderr)
+        table[str(row["kind"]), int(row["length"])].append((bool(row["feasible"]), ours))  # type: ignore[call-overload]
     print("            problems   feasible: oracle   ours   both   recall   found by ours alone")
     for kind in ("keyframes", "path"):
         of_kind = {length: pairs for (k, length), pairs in table.items() if k == kind}
@@ -289,17 +298,6 @@ def run(arguments: list[str]) -> int:
     if checked:
         print(f"feasible paths that pass the independent check: {sum(checked)} of {len(checked)}")
     return 0
-
-
-def _passes(tree: SequenceTree, scene: Scene, node: Node, path: Solved) -> bool:
-    """Whether the check accepts a path, solved again with twice the slices if need be."""
-    assert node.problem is not None
-    if check_motion(scene, node.actions, interpolate(scene, node.problem, path.q, path.m)).passed:
-        return True
-    finer = tree.refine_path(node, path)
-    return (
-        finer.feasible and check_motion(scene, node.actions, interpolate(scene, node.problem, finer.q, finer.m)).passed
-    )
 
 
 def _print_line(name: str, pairs: list[tuple[bool, bool]]) -> None:

@@ -22,6 +22,7 @@ from dvr_jax.komo.transcription import transcribe
 from dvr_jax.logic import Action
 from dvr_jax.scene.sampling import sample_scenes
 from dvr_jax.search.tree import WITNESS, Node, SequenceTree
+from dvr_jax.search.work import run_alone
 
 
 @dataclass(frozen=True)
@@ -130,7 +131,7 @@ def run(arguments: list[str]) -> int:
             time_slices(number_of_objects, options.repeats)
         for scene, actions, row in read_problems(options.problems):
             if row["length"] in (2, 6):
-                node = judge_prefix(SequenceTree(scene, k_max=6), actions)
+                node = run_alone(judge_prefix(SequenceTree(scene, k_max=6), actions))
                 if node.parent is not None and node.parent.feasible:
                     nodes.append(node)
         for length in (2, 6):

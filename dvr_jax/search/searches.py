@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 
 from dvr_jax.komo.engine import Solved
 from dvr_jax.search.tree import Node, OutOfTime, SequenceTree
+from dvr_jax.search.work import Steps, run_alone
 
 Accept = Callable[[Node, Solved], bool]
 """Takes a feasible path and says whether the independent check accepts it."""
@@ -35,6 +36,9 @@ BATCH = 64
 
 EAGER = 3
 """Length up to which multi-bound search takes the pose bound of all prefixes."""
+
+
+_Judge = Callable[[list[Node]], Steps[list[Node]]]
 
 
 @dataclass(slots=True)
@@ -64,22 +68,22 @@ class _Run:
         finally:
             self.seconds[bound] += time.monotonic() - begin
 
-    def judge_sequences(self, nodes: list[Node]) -> list[Node]:
+    def judge_sequences(self, nodes: list[Node]) -> Steps[list[Node]]:
         """Those that pass."""
         with self.timed("sequence"):
-            self.tree.judge_sequences(nodes)
+            yield from self.tree.judge_sequences(nodes)
         return [node for node in nodes if node.feasible]
 
-    def judge_poses(self, nodes: list[Node]) -> list[Node]:
+    def judge_poses(self, nodes: list[Node]) -> Steps[list[Node]]:
         """Those that pass."""
         with self.timed("pose"):
-            verdicts = self.tree.judge_poses(nodes)
+            verdicts = yield from self.tree.judge_poses(nodes)
         for node, verdict in zip(nodes, verdicts, strict=True):
             if not verdict:
                 node.feasible = False
         return [node for node, verdict in zip(nodes, verdicts, strict=True) if verdict]
 
-    def judge_lines(self, leaves: list[Node]) -> list[Node]:
+    def judge_lines(self, leaves: list[Node]) -> Steps[list[Node]]:
         """Sequence bound of leaves, along their prefixes: those that pass."""
         for depth in range(1, max((leaf.depth for leaf in leaves), default=0) + 1):
             prefixes = dict.fromkeys(leaf.ancestor(depth) for leaf in leaves)
@@ -87,23 +91,23 @@ class _Run:
                 assert node.parent is not None
                 if node.feasible is None and node.parent.feasible is False:
                     node.feasible = False
-            self.judge_sequences([node for node in prefixes if node.feasible is None])
+            yield from self.judge_sequences([node for node in prefixes if node.feasible is None])
         return [leaf for leaf in leaves if leaf.feasible]
 
-    def try_leaves(self, leaves: list[Node]) -> Outcome | None:
+    def try_leaves(self, leaves: list[Node]) -> Steps[Outcome | None]:
         """Paths of feasible leaves, best keyframes first."""
         for node in sorted(leaves, key=lambda leaf: float(leaf.particles.violation.min())):  # type: ignore[union-attr]
             self.tree.counts.verdicts["path"] += 1
-            outcome = self.try_path(node)
+            outcome = yield from self.try_path(node)
             if outcome is not None:
                 return outcome
         return None
 
-    def try_path(self, node: Node) -> Outcome | None:
+    def try_path(self, node: Node) -> Steps[Outcome | None]:
         """Path from each of the leaf's keyframes in turn, until one is accepted."""
         for attempt in range(self.tree.path_attempts(node)):
             with self.timed("path"):
-                solved = self.tree.solve_path(node, attempt)
+                solved = yield from self.tree.solve_path(node, attempt)
             words = "feasible" if solved.feasible else f"violation {solved.ratio:.1f} times the tolerance"
             self.progress(f"path of {' '.join(str(action) for action in node.actions)}: {words}")
             for refinement in range(REFINEMENTS + 1):
@@ -114,7 +118,7 @@ class _Run:
                     return Outcome(SOLVED, node, solved, self.seconds)
                 if refinement < REFINEMENTS:
                     with self.timed("path"):
-                        solved = self.tree.refine_path(node, solved)
+                        solved = yield from self.tree.refine_path(node, solved)
         return None
 
 
@@ -122,9 +126,7 @@ def _batches(nodes: list[Node]) -> list[list[Node]]:
     return [nodes[i : i + BATCH] for i in range(0, len(nodes), BATCH)]
 
 
-def _search(
-    run: _Run, judge_leaves: Callable[[list[Node]], list[Node]], judge: Callable[[list[Node]], list[Node]]
-) -> Outcome:
+def _search(run: _Run, judge_leaves: _Judge, judge: _Judge) -> Steps[Outcome]:
     """Level by level: ``judge_leaves`` gives the leaves whose paths are tried, ``judge`` the prefixes to go on from."""
     level = [run.tree.root]
     for depth in range(1, run.tree.k_max + 1):
@@ -132,41 +134,42 @@ def _search(
         leaves = [node for node in children if node.reaches_goal]
         run.progress(f"length {depth}: {len(children)} prefixes, {len(leaves)} reach the goal")
         for batch in _batches(leaves):
-            outcome = run.try_leaves(judge_leaves(batch))
+            feasible = yield from judge_leaves(batch)
+            outcome = yield from run.try_leaves(feasible)
             if outcome is not None:
                 return outcome
         if depth < run.tree.k_max:
-            level = judge([node for node in children if not node.reaches_goal])
+            level = yield from judge([node for node in children if not node.reaches_goal])
     return Outcome(EXHAUSTED, None, None, run.seconds)
 
 
-def breadth_first(run: _Run) -> Outcome:
+def breadth_first(run: _Run) -> Steps[Outcome]:
     """Plain breadth-first search: the sequence bound of every prefix, level by level."""
-    return _search(run, run.judge_sequences, run.judge_sequences)
+    return (yield from _search(run, run.judge_sequences, run.judge_sequences))
 
 
-def multi_bound(run: _Run) -> Outcome:
+def multi_bound(run: _Run) -> Steps[Outcome]:
     """Multi-bound tree search: the pose bound prunes, the sequence bound is taken along goal-reaching sequences.
 
     Pose bounds of short prefixes are taken at once; those of longer ones, which are many, only along the sequences
     whose turn it is, or where a shorter one has refuted them already."""
 
-    def judge(nodes: list[Node]) -> list[Node]:
+    def judge(nodes: list[Node]) -> Steps[list[Node]]:
         if nodes and nodes[0].depth <= EAGER:
-            return run.judge_poses(nodes)
+            return (yield from run.judge_poses(nodes))
         return [node for node in nodes if run.tree.known_pose(node) is not False]
 
-    def judge_leaves(leaves: list[Node]) -> list[Node]:
+    def judge_leaves(leaves: list[Node]) -> Steps[list[Node]]:
         for depth in range(1, max(leaf.depth for leaf in leaves) + 1):
             prefixes = dict.fromkeys(leaf.ancestor(depth) for leaf in leaves)
-            passed = set(run.judge_poses(list(prefixes)))
+            passed = set((yield from run.judge_poses(list(prefixes))))
             leaves = [leaf for leaf in leaves if leaf.ancestor(depth) in passed]
-        return run.judge_lines(leaves)
+        return (yield from run.judge_lines(leaves))
 
-    return _search(run, judge_leaves, judge)
+    return (yield from _search(run, judge_leaves, judge))
 
 
-SEARCHES: dict[str, Callable[[_Run], Outcome]] = {"mbts": multi_bound, "bfs": breadth_first}
+SEARCHES: dict[str, Callable[[_Run], Steps[Outcome]]] = {"mbts": multi_bound, "bfs": breadth_first}
 """Searches by the name that the command line gives them."""
 
 
@@ -174,6 +177,6 @@ def search(name: str, tree: SequenceTree, accept: Accept, progress: Progress) ->
     """Run a search until it finds something, has seen everything, or the tree's time is over."""
     run = _Run(tree, accept, progress)
     try:
-        return SEARCHES[name](run)
+        return run_alone(SEARCHES[name](run))
     except OutOfTime:
         return Outcome(TIME_LIMIT, None, None, run.seconds)

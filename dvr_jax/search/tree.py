@@ -7,6 +7,9 @@ and for all descendants:
 - *pose*: the keyframes of the actions on one object alone, all other objects that have moved left out;
 - *sequence*: the keyframes of the whole prefix;
 - *path*: the whole motion of a sequence that reaches the goal.
+
+Bounds are generators: they ask for work (`dvr_jax.search.work`) and go on when it is done, so that the trees of many
+scenes can share batches.
 """
 
 from __future__ import annotations
@@ -22,18 +25,17 @@ from dvr_jax.komo.augmented import Settings
 from dvr_jax.komo.engine import (
     Solved,
     adopt,
-    extend_prefixes,
     keyframe_start,
     path_problem,
     path_start,
     refined_start,
-    solve,
 )
 from dvr_jax.komo.particles import UNREACHABLE, Particles, empty_prefix
 from dvr_jax.komo.problem import ABSENT, Problem
 from dvr_jax.komo.transcription import refute, transcribe
 from dvr_jax.logic import Action, Grounding, ground_actions
 from dvr_jax.scene.types import Scene
+from dvr_jax.search.work import Extend, Solve, Steps
 
 WITNESS = 5e-4
 """A particle whose penetrations sum up to less proves its prefix' keyframes feasible: it meets all else exactly [m]."""
@@ -137,17 +139,18 @@ class SequenceTree:
                 node.children.append(Node((*node.actions, action), after, node, goal))
         return node.children
 
-    def judge_sequences(self, nodes: list[Node]) -> None:
+    def judge_sequences(self, nodes: list[Node]) -> Steps[None]:
         """Sequence bound of nodes whose parents have passed it."""
         unjudged = [node for node in nodes if node.feasible is None]
-        self._solve(self._sample(unjudged, "sequence", [()] * len(unjudged)), "sequence")
+        unproved = yield from self._sample(unjudged, "sequence", [()] * len(unjudged))
+        yield from self._solve(unproved, "sequence")
 
-    def judge_poses(self, nodes: list[Node]) -> list[bool]:
+    def judge_poses(self, nodes: list[Node]) -> Steps[list[bool]]:
         """Pose bound of nodes: verdicts of their last object's own keyframes."""
         chains = dict.fromkeys(map(self._chain, nodes))
         for length in range(1, max((len(chain) for chain, _ in chains), default=0) + 1):
             keys = [(chain[:length], ignored) for chain, ignored in chains if len(chain) >= length]
-            self._judge_chains(list(dict.fromkeys(keys)))
+            yield from self._judge_chains(list(dict.fromkeys(keys)))
         return [bool(self._poses[chain][ignored].feasible) for chain, ignored in map(self._chain, nodes)]
 
     def known_pose(self, node: Node) -> bool | None:
@@ -159,7 +162,7 @@ class SequenceTree:
                 return None if known is None else False
         return True
 
-    def _judge_chains(self, keys: list[_PoseKey]) -> None:
+    def _judge_chains(self, keys: list[_PoseKey]) -> Steps[None]:
         """Verdicts of chains of one length, whose prefixes have theirs."""
         # What is feasible with few objects left out is so with more: few first, and the others inherit.
         unproved: list[Node] = []
@@ -175,8 +178,9 @@ class SequenceTree:
                     node.feasible = False
                 elif not self._inherit(node, ignored):
                     fresh.append((node, ignored))
-            unproved += self._sample([node for node, _ in fresh], "pose", [tuple(sorted(names)) for _, names in fresh])
-        self._solve(unproved, "pose")
+            ignored_names = [tuple(sorted(names)) for _, names in fresh]
+            unproved += yield from self._sample([node for node, _ in fresh], "pose", ignored_names)
+        yield from self._solve(unproved, "pose")
 
     def _inherit(self, node: Node, ignored: frozenset[str]) -> bool:
         """Whether the same chain is known to be feasible with fewer objects left out."""
@@ -204,14 +208,14 @@ class SequenceTree:
         if time.monotonic() > self.deadline:
             raise OutOfTime
 
-    def _sample(self, nodes: list[Node], bound: str, ignored: list[tuple[str, ...]]) -> list[Node]:
+    def _sample(self, nodes: list[Node], bound: str, ignored: list[tuple[str, ...]]) -> Steps[list[Node]]:
         """Particles of nodes, each with some objects left out; those nodes that no particle proves feasible."""
         for first in range(0, len(nodes), BATCH):
             self._look_at_the_clock()
             part, names = nodes[first : first + BATCH], ignored[first : first + BATCH]
             problems = [transcribe(self.scene, *args) for args in zip((n.actions for n in part), names, strict=True)]
             parents = [self._parent_particles(*args) for args in zip(part, names, strict=True)]
-            extended = extend_prefixes(parents, problems, self.seed)
+            extended = yield Extend(parents, problems, self.seed)
             for node, problem, particles in zip(part, problems, extended, strict=True):
                 node.problem, node.particles = problem, particles
                 node.feasible = bool(particles.violation.min() <= WITNESS)
@@ -219,24 +223,25 @@ class SequenceTree:
         self.counts.feasible[bound] += sum(bool(node.feasible) for node in nodes)
         return [node for node in nodes if not node.feasible]
 
-    def _solve(self, nodes: list[Node], bound: str) -> None:
+    def _solve(self, nodes: list[Node], bound: str) -> Steps[None]:
         """Keyframe NLPs of nodes that no particle proved feasible: all from their best particle, then those that failed
         from the others."""
         groups: dict[int, list[Node]] = {}
         for node in nodes:
             groups.setdefault(node.depth, []).append(node)
         for group in groups.values():
-            failed = self._solve_from(group, [0], bound)
+            failed = yield from self._solve_from(group, [0], bound)
             # Where inverse kinematics found nothing at all, more starts are no better than one.
-            self._solve_from([node for node in failed if _is_reached(node)], range(1, STARTS), bound)
+            reached = [node for node in failed if _is_reached(node)]
+            yield from self._solve_from(reached, range(1, STARTS), bound)
 
-    def _solve_from(self, nodes: list[Node], ranks: Sequence[int], bound: str) -> list[Node]:
+    def _solve_from(self, nodes: list[Node], ranks: Sequence[int], bound: str) -> Steps[list[Node]]:
         """Keyframe NLPs of nodes of one depth from their particles of these ranks; those nodes that failed."""
         for first in range(0, len(nodes), BATCH):
             self._look_at_the_clock()
             lanes = [(node, rank) for node in nodes[first : first + BATCH] for rank in ranks]
             starts = [keyframe_start(node.particles, rank, node.depth) for node, rank in lanes]  # type: ignore[arg-type]
-            solutions = solve([node.problem for node, _ in lanes], starts, self.settings)  # type: ignore[misc]
+            solutions = yield Solve([node.problem for node, _ in lanes], starts, self.settings)  # type: ignore[misc]
             self.counts.nlps[bound] += len(lanes)
             for (node, _), solution in zip(lanes, solutions, strict=True):
                 if solution.feasible:
@@ -256,7 +261,7 @@ class SequenceTree:
         assert node.particles is not None
         return min(PATH_STARTS, int((node.particles.violation <= GOOD).sum()))
 
-    def solve_path(self, node: Node, attempt: int) -> Solved:
+    def solve_path(self, node: Node, attempt: int) -> Steps[Solved]:
         """Path of a node that passed the sequence bound, from its ``attempt``-th keyframes."""
         assert node.problem is not None and node.particles is not None and node.feasible
         self._look_at_the_clock()
@@ -265,15 +270,17 @@ class SequenceTree:
         keyframes = keyframe_start(node.particles, attempt * (good // self.path_attempts(node)), node.depth)
         start = path_start(node.problem, keyframes)
         self.counts.nlps["path"] += 1
-        return solve([path_problem(node.problem, start)], [start], self.settings)[0]
+        solved = yield Solve([path_problem(node.problem, start)], [start], self.settings)
+        return solved[0]
 
-    def refine_path(self, node: Node, path: Solved) -> Solved:
+    def refine_path(self, node: Node, path: Solved) -> Steps[Solved]:
         """The same path solved again with twice the slices, from a solution that is wrong between its slices."""
         assert node.problem is not None
         self._look_at_the_clock()
         self.counts.nlps["refined path"] += 1
         start = refined_start(node.problem, path)
-        return solve([path_problem(node.problem, start)], [start], self.settings)[0]
+        solved = yield Solve([path_problem(node.problem, start)], [start], self.settings)
+        return solved[0]
 
 
 def _is_reached(node: Node) -> bool:

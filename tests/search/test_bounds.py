@@ -4,6 +4,7 @@ import jax
 
 from dvr_jax.scene.types import Goal, Region, Scene, SceneObject
 from dvr_jax.search.tree import SequenceTree
+from dvr_jax.search.work import run_alone
 
 
 def verdicts_of_goal_sequences(side: float) -> list[bool | None]:
@@ -13,9 +14,9 @@ def verdicts_of_goal_sequences(side: float) -> list[bool | None]:
     with jax.enable_x64(True):
         tree = SequenceTree(scene, k_max=2)
         grasps = tree.expand(tree.root)
-        tree.judge_sequences(grasps)
+        run_alone(tree.judge_sequences(grasps))
         places = [place for grasp in grasps if grasp.feasible for place in tree.expand(grasp)]
-        tree.judge_sequences(places)
+        run_alone(tree.judge_sequences(places))
     assert places
     return [place.feasible for place in places]
 

@@ -1,0 +1,96 @@
+"""Work that searches ask for, and its execution: for one search alone, or for many at once in shared batches.
+
+A search is a generator that yields requests and is sent their results. What it is sent does not depend on who else is
+served with it: lanes of a batch do not know of each other."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from dvr_jax.komo.augmented import Settings
+from dvr_jax.komo.engine import Solved, extend_prefixes, solve
+from dvr_jax.komo.particles import Particles
+from dvr_jax.komo.problem import Problem, Variables
+
+
+@dataclass(frozen=True, slots=True)
+class Extend:
+    """Particles of prefixes from those of their parents (`extend_prefixes`); the result is a list of `Particles`."""
+
+    parents: Sequence[Particles]
+    problems: Sequence[Problem]
+    seed: int
+
+
+@dataclass(frozen=True, slots=True)
+class Solve:
+    """NLPs of one shape from one start each (`solve`); the result is a list of `Solved`."""
+
+    problems: Sequence[Problem]
+    starts: Sequence[Variables]
+    settings: Settings
+
+
+Request = Extend | Solve
+
+T = TypeVar("T")
+Steps = Generator[Request, Any, T]
+"""A computation that asks for work on its way to a result of type T."""
+
+
+def run_alone(steps: Steps[T]) -> T:
+    """Run one computation to its end."""
+    return next(iter(run_together([steps])))[1]
+
+
+def run_together(computations: Sequence[Steps[T]]) -> Iterator[tuple[int, T]]:
+    """Run computations side by side, each request in a batch with the others'; yields (index, result) as they end.
+
+    What one of them raises is raised here."""
+    pending: dict[int, Request] = {}
+    replies: dict[int, Any] = dict.fromkeys(range(len(computations)))
+    while replies:
+        ended: list[tuple[int, T]] = []
+        for index, reply in replies.items():
+            try:
+                pending[index] = computations[index].send(reply)
+            except StopIteration as stop:
+                ended.append((index, stop.value))
+        yield from ended
+        replies = _execute(pending)
+        pending = {}
+
+
+def _execute(requests: dict[int, Request]) -> dict[int, list[Any]]:
+    """Results of requests, in batches of what fits together."""
+    batches: dict[tuple[Any, ...], list[int]] = {}
+    for index, request in requests.items():
+        batches.setdefault(_batch_key(request), []).append(index)
+    replies: dict[int, list[Any]] = {}
+    for members in batches.values():
+        results = iter(_execute_batch([requests[index] for index in members]))
+        for index in members:
+            replies[index] = [next(results) for _ in requests[index].problems]
+    return replies
+
+
+def _batch_key(request: Request) -> tuple[Any, ...]:
+    """Equal for requests that one call can serve."""
+    if not request.problems:
+        return (type(request),)
+    objects = len(request.problems[0].half)
+    if isinstance(request, Extend):
+        return Extend, objects, request.parents[0].q.shape, request.seed
+    return Solve, objects, request.starts[0].q.shape, request.starts[0].m.shape, request.settings
+
+
+def _execute_batch(requests: list[Request]) -> list[Particles] | list[Solved]:
+    problems = [problem for request in requests for problem in request.problems]
+    first = requests[0]
+    if isinstance(first, Extend):
+        parents = [particles for request in requests if isinstance(request, Extend) for particles in request.parents]
+        return extend_prefixes(parents, problems, first.seed)
+    starts = [start for request in requests if isinstance(request, Solve) for start in request.starts]
+    return solve(problems, starts, first.settings)
