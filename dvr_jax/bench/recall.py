@@ -42,7 +42,7 @@ PROBLEMS = Path("bench/recall_problems.jsonl")
 STARTS = 64
 """Starts of the oracle."""
 
-ORACLE = Settings(iteration_limit=100, patience=8)
+ORACLE = Settings(iteration_limit=100, patience=8, course_ratio=math.inf)
 """The oracle's settings: more patient than those of a search."""
 
 TRIES = 40

@@ -30,13 +30,13 @@ RUNNING, FEASIBLE, STAGNATED, ITERATION_LIMIT, NUMERICAL_FAILURE = 0, 1, 2, 3, 4
 class Settings(NamedTuple):
     """Settings of the method; numbers, so that changing one needs no new compilation."""
 
-    penalty: float = 1e4
+    penalty: float = 3e3
     """Initial penalty [1/m^2]."""
     penalty_growth: float = 5.0
     """Factor of the penalty where the violation did not fall to `sufficient_decrease` of its last value."""
     penalty_limit: float = 1e7
     sufficient_decrease: float = 0.5
-    step_limit: float = 0.3
+    step_limit: float = 0.8
     """Largest change of one variable in one iteration; the whole step is scaled."""
     step_tolerance: float = 1e-2
     """A subproblem has ended when no variable moved more than this ..."""
@@ -49,7 +49,11 @@ class Settings(NamedTuple):
     """A feasible lane ends when its last accepted step was no longer than this."""
     iteration_limit: int = 40
     patience: int = 5
-    """A lane stagnates after so many multiplier updates in a row without a violation 10 % below the best."""
+    """A lane stagnates after so many multiplier updates in a row without a violation 10 % below the best ..."""
+    course_start: int = 10
+    course_ratio: float = 60.0
+    """... or when its least violation lies above a course that falls, as a straight line in its logarithm, from
+    `course_ratio` times the tolerance after `course_start` iterations to the tolerance at the iteration limit."""
 
 
 class Lane(NamedTuple):
@@ -202,7 +206,10 @@ def advance(
     damping = jnp.where(stuck, settings.damping, jnp.where(broken, damping * 100, damping))
     iterations = lane.iterations + 1
     status = jnp.where(iterations >= settings.iteration_limit, ITERATION_LIMIT, RUNNING)
-    status = jnp.where(judged.stale >= settings.patience, STAGNATED, status)
+    best_ratio = jnp.where(accepted, jnp.minimum(judged.ratio, lane.best_ratio), lane.best_ratio)
+    elapsed = (iterations - settings.course_start) / jnp.maximum(settings.iteration_limit - settings.course_start, 1)
+    off_course = (elapsed >= 0) & (jnp.log(best_ratio) > jnp.log(settings.course_ratio) * (1 - elapsed))
+    status = jnp.where((judged.stale >= settings.patience) | off_course, STAGNATED, status)
     status = jnp.where(first & ~jnp.isfinite(value), NUMERICAL_FAILURE, status)
     status = jnp.where(judged.feasible, FEASIBLE, status)
     return Lane(
@@ -215,7 +222,7 @@ def advance(
         system=system,
         report=report,
         updated_ratio=jnp.where(judged.ended, judged.ratio, lane.updated_ratio),
-        best_ratio=jnp.where(accepted, jnp.minimum(judged.ratio, lane.best_ratio), lane.best_ratio),
+        best_ratio=best_ratio,
         inner=jnp.where(judged.ended, 0, lane.inner + 1),
         stale=judged.stale,
         iterations=iterations,

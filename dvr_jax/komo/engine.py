@@ -28,6 +28,9 @@ EXTENSION_LANES = 8
 PATH_LANES = 1
 """Paths that are solved side by side."""
 
+REFILLED = 0.25
+"""Share of a batch's lanes that have ended when new problems take their places."""
+
 NEAR_SWITCH = 0.3
 """Share of a phase next to a switch in which the path is drawn to its start."""
 NEAR_ATTRACTION, FAR_ATTRACTION = 0.3, 1e-2
@@ -105,7 +108,7 @@ def extend_prefixes(parents: Sequence[Particles], problems: Sequence[Problem], s
 def solve(problems: Sequence[Problem], starts: Sequence[Variables], settings: Settings) -> list[Solved]:
     """Solve NLPs of one shape from one start each.
 
-    Lanes are filled again as soon as they end, so that the slow ones (most infeasible problems) hold nobody up."""
+    Lanes that have ended are filled again once `REFILLED` of them wait, so that the slow ones hold nobody up."""
     if not problems:
         return []
     T, K = len(starts[0].q), len(starts[0].m)
@@ -117,12 +120,14 @@ def solve(problems: Sequence[Problem], starts: Sequence[Variables], settings: Se
     batch: Problem = stack([problems[i or 0] for i in owner])
     states = start(batch, stack([starts[i or 0] for i in owner]), settings)
     states.status[:] = [FEASIBLE if i is None else RUNNING for i in owner]
+    batch_on_device, settings = jax.device_put((batch, settings))
     chunks = lay_out_trial(batch, states)
     while True:
-        states, chunks = iterate(batch, settings, states, chunks)
+        states, chunks = iterate(batch_on_device, settings, states, chunks)
         status = np.asarray(states.status)
         ended = [lane for lane, i in enumerate(owner) if i is not None and status[lane] != RUNNING]
-        if not ended:
+        running = sum(i is not None for i in owner) - len(ended)
+        if not ended or (running and len(ended) < REFILLED * lanes):
             continue
         final = jax.tree.map(np.asarray, (states.x, states.report, states.iterations))
         for lane in ended:
@@ -133,13 +138,14 @@ def solve(problems: Sequence[Problem], starts: Sequence[Variables], settings: Se
             owner[lane] = waiting.pop() if waiting else None
         refilled = [lane for lane in ended if owner[lane] is not None]
         if refilled:
-            states, batch = jax.tree.map(np.array, (states, batch))
+            states = jax.tree.map(np.array, states)
             fresh = [(problems[i], starts[i]) for i in (owner[lane] for lane in refilled) if i is not None]
             new_problems, new_starts = stack([p for p, _ in fresh]), stack([x for _, x in fresh])
             _assign(batch, refilled, new_problems)
             _assign(states, refilled, start(new_problems, new_starts, settings))
+            batch_on_device = jax.device_put(batch)
             chunks = lay_out_trial(batch, states)
-        elif all(i is None for i in owner):
+        elif not running:
             return results  # type: ignore[return-value]
 
 

@@ -6,9 +6,10 @@ counts, never a sum of scaled terms: such a sum grows with the horizon."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from dvr_jax.komo.constraints import Rows
@@ -46,9 +47,10 @@ class Violations(NamedTuple):
 
     def ratio(self) -> Array:
         """The largest violation as a multiple of its tolerance: feasible where <= 1."""
-        ratios = [value / tolerance for value, tolerance in zip(self, _TOLERANCES, strict=True)]
-        ratio = jnp.max(jnp.stack(ratios), axis=0)
-        return jnp.where(jnp.isnan(ratio), jnp.inf, ratio)
+        # On the host single lanes are judged, where NumPy is a hundred times faster.
+        xp: Any = jnp if isinstance(self.position, Array) else np
+        ratio = xp.stack([value / tolerance for value, tolerance in zip(self, _TOLERANCES, strict=True)]).max(axis=0)
+        return xp.where(xp.isnan(ratio), xp.inf, ratio)
 
 
 _TOLERANCES = Violations(

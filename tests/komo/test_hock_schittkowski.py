@@ -19,6 +19,7 @@ TOLERANCE = 1e-7
 # Where Gauss-Newton steps overshoot, values within 1e-9 of each other count as equal while steps are still 1e-4 long,
 # so shorter final steps are not always reached. The damping has to outgrow the curvature of the penalty.
 SETTINGS = Settings(
+    course_ratio=np.inf,
     penalty=100.0,
     penalty_limit=1e8,
     step_limit=10.0,
