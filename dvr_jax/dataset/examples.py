@@ -81,6 +81,8 @@ def load_examples(
     for info in find_shards(paths):
         columns = read_columns(info)
         for row, symbols, candidate in scenes_of(info, columns):
+            if solved_only and not columns.feasible[slice(*columns.label_ends[row : row + 2])].any():
+                continue  # before anything is drawn for it
             generator = random.Random(f"{seed} {info.scenes[row]}")
             own, verdicts = _expand(columns, row, symbols, completions, k_max, generator, str(info))
             if not own or (solved_only and not any(verdicts)):

@@ -57,7 +57,7 @@ def count_labels(infos: Iterable[ShardInfo]) -> LabelCounts:
 def count_infeasible_sequences(infos: Iterable[ShardInfo], k_max: int) -> int:
     """Number of sequences of at most k_max actions that are known to be infeasible.
 
-    These are labelled or under a refuted prefix; each counts once, also where a prefix and its continuation are labelled.
+    These are labelled or under a refuted prefix; each counts once, also where both hold.
     """
     total = 0
     for info in infos:

@@ -17,6 +17,7 @@ Any Parquet reader shows one label a row with, for instance, `SELECT scene, unne
 """
 
 import io
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
@@ -44,6 +45,9 @@ SUFFIX = ".parquet"
 
 VIOLATION_BITS = 10
 """Binary digits kept of a violation: a verdict is in `feasible`, and noise does not compress."""
+
+FLOAT32_EXPONENT = 127
+"""Violations from 2^127 on count as infinite."""
 
 LABEL = pa.struct(
     [
@@ -167,8 +171,8 @@ def read_info(path: str | Path) -> ShardInfo:
     path = Path(path)
     try:
         metadata = pq.read_schema(path)
-    except pa.ArrowInvalid as error:
-        raise DvrError(_broken(path, error)) from None
+    except (pa.ArrowException, OSError, UnicodeError) as error:
+        raise _refusal(path, error) from None
     footer = (metadata.metadata or {}).get(KEY)
     if footer is None or not metadata.remove_metadata().equals(SCHEMA):
         raise DvrError(f"{path} is a Parquet file, but no shard of labels; valid are files of dvr_jax.dataset.")
@@ -180,10 +184,8 @@ def read_columns(info: ShardInfo) -> Columns:
     try:
         table = pq.read_table(info.path, page_checksum_verification=True)
         table.validate(full=True)
-    except (pa.ArrowInvalid, OSError) as error:  # a wrong checksum is an OSError to Arrow
-        if isinstance(error, FileNotFoundError):
-            raise
-        raise DvrError(_broken(info.path, error)) from None
+    except (pa.ArrowException, OSError, UnicodeError) as error:
+        raise _refusal(info.path, error) from None
     per_scene = table["labels"].combine_chunks()
     per_label = per_scene.flatten()
     actions = per_label.field("actions")
@@ -228,8 +230,10 @@ def same_rows(a: Shard, b: Shard) -> bool:
 
 def round_violation(violation: float) -> float:
     """A violation as a shard keeps it: VIOLATION_BITS binary digits; NaN and infinity stay what they are."""
-    mantissa, exponent = np.frexp(np.float32(violation))
-    return float(np.ldexp(np.round(mantissa * 2**VIOLATION_BITS) / 2**VIOLATION_BITS, exponent))
+    mantissa, exponent = math.frexp(violation)
+    if not math.isfinite(violation) or exponent > FLOAT32_EXPONENT:
+        return violation if math.isnan(violation) else math.inf
+    return float(np.float32(math.ldexp(round(mantissa * 2**VIOLATION_BITS), exponent - VIOLATION_BITS)))
 
 
 def _record(label: Label) -> dict[str, object]:
@@ -250,6 +254,13 @@ def _ends(lists: Any) -> NDArray[np.int64]:
     """Where each list of an array starts in its flattened values, and their number (n + 1,)."""
     ends = lists.offsets.to_numpy().astype(np.int64)
     return ends - ends[0]
+
+
+def _refusal(path: Path, error: Exception) -> Exception:
+    """What to raise for an error of Arrow: its complaints of content, wrong checksums among them, have no errno."""
+    if isinstance(error, OSError) and error.errno is not None:
+        return error
+    return DvrError(_broken(path, error))
 
 
 def _broken(path: Path, why: object) -> str:
