@@ -121,6 +121,8 @@ def find_shards(paths: str | Path | Iterable[str | Path]) -> list[ShardInfo]:
     named = [Path(path) for path in ([paths] if isinstance(paths, str | Path) else paths)]
     infos: list[ShardInfo] = []
     for path in named:
+        if not path.exists():
+            raise DvrError(f"there is no file or folder {path}; valid are shards (*{SUFFIX}) and folders of them.")
         infos += list_shards(path) if path.is_dir() else [read_info(path)]
     if not infos:
         raise DvrError(f"there is no shard in {', '.join(map(str, named)) or 'no path'}; valid are files *{SUFFIX}.")

@@ -197,6 +197,8 @@ def test_many_objects_and_names_share_nothing(tmp_path: Path) -> None:
 def test_bad_requests(folder: Path, tmp_path: Path) -> None:
     with pytest.raises(DvrError, match="there is no shard in"):
         load_examples(tmp_path)
+    with pytest.raises(DvrError, match="there is no file or folder"):
+        load_examples([folder, tmp_path / "missing"])
     with pytest.raises(DvrError, match="valid are at least 0 and at least 1"):
         load_examples(folder, completions=-1)
     with pytest.raises(DvrError, match="overlap"):
