@@ -11,6 +11,7 @@ length, sequences that reach the goal come first. They differ in what they compu
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -53,7 +54,7 @@ class Outcome:
     """Time spent on each bound [s]."""
 
 
-class _Run:
+class Run:
     """Clock and bookkeeping of one search."""
 
     def __init__(self, tree: SequenceTree, accept: Accept, progress: Progress) -> None:
@@ -62,6 +63,7 @@ class _Run:
 
     @contextmanager
     def timed(self, bound: str) -> Iterator[None]:
+        """Add the time spent inside to that of a bound."""
         begin = time.monotonic()
         try:
             yield
@@ -78,9 +80,6 @@ class _Run:
         """Those that pass."""
         with self.timed("pose"):
             verdicts = yield from self.tree.judge_poses(nodes)
-        for node, verdict in zip(nodes, verdicts, strict=True):
-            if not verdict:
-                node.feasible = False
         return [node for node, verdict in zip(nodes, verdicts, strict=True) if verdict]
 
     def judge_lines(self, leaves: list[Node]) -> Steps[list[Node]]:
@@ -105,6 +104,7 @@ class _Run:
 
     def try_path(self, node: Node) -> Steps[Outcome | None]:
         """Path from each of the leaf's keyframes in turn, until one is accepted."""
+        node.solved, node.refuted_by, node.violation = False, "path", math.nan
         for attempt in range(self.tree.path_attempts(node)):
             with self.timed("path"):
                 solved = yield from self.tree.solve_path(node, attempt)
@@ -112,8 +112,11 @@ class _Run:
             self.progress(f"path of {' '.join(str(action) for action in node.actions)}: {words}")
             for refinement in range(REFINEMENTS + 1):
                 if not solved.feasible:
+                    node.violation = min(solved.ratio, node.violation)  # NaN is no smaller than anything
                     break
+                node.refuted_by = "check"
                 if self.accept(node, solved):
+                    node.solved, node.refuted_by, node.violation = True, "", solved.ratio
                     self.tree.counts.feasible["path"] += 1
                     return Outcome(SOLVED, node, solved, self.seconds)
                 if refinement < REFINEMENTS:
@@ -126,7 +129,7 @@ def _batches(nodes: list[Node]) -> list[list[Node]]:
     return [nodes[i : i + BATCH] for i in range(0, len(nodes), BATCH)]
 
 
-def _search(run: _Run, judge_leaves: _Judge, judge: _Judge) -> Steps[Outcome]:
+def _search(run: Run, judge_leaves: _Judge, judge: _Judge) -> Steps[Outcome]:
     """Level by level: ``judge_leaves`` gives the leaves whose paths are tried, ``judge`` the prefixes to go on from."""
     level = [run.tree.root]
     for depth in range(1, run.tree.k_max + 1):
@@ -143,12 +146,12 @@ def _search(run: _Run, judge_leaves: _Judge, judge: _Judge) -> Steps[Outcome]:
     return Outcome(EXHAUSTED, None, None, run.seconds)
 
 
-def breadth_first(run: _Run) -> Steps[Outcome]:
+def breadth_first(run: Run) -> Steps[Outcome]:
     """Plain breadth-first search: the sequence bound of every prefix, level by level."""
     return (yield from _search(run, run.judge_sequences, run.judge_sequences))
 
 
-def multi_bound(run: _Run) -> Steps[Outcome]:
+def multi_bound(run: Run) -> Steps[Outcome]:
     """Multi-bound tree search: the pose bound prunes, the sequence bound is taken along goal-reaching sequences.
 
     Pose bounds of short prefixes are taken at once; those of longer ones, which are many, only along the sequences
@@ -157,7 +160,7 @@ def multi_bound(run: _Run) -> Steps[Outcome]:
     def judge(nodes: list[Node]) -> Steps[list[Node]]:
         if nodes and nodes[0].depth <= EAGER:
             return (yield from run.judge_poses(nodes))
-        return [node for node in nodes if run.tree.known_pose(node) is not False]
+        return [node for node in nodes if run.tree.recall_pose(node)]
 
     def judge_leaves(leaves: list[Node]) -> Steps[list[Node]]:
         for depth in range(1, max(leaf.depth for leaf in leaves) + 1):
@@ -169,13 +172,13 @@ def multi_bound(run: _Run) -> Steps[Outcome]:
     return (yield from _search(run, judge_leaves, judge))
 
 
-SEARCHES: dict[str, Callable[[_Run], Steps[Outcome]]] = {"mbts": multi_bound, "bfs": breadth_first}
+SEARCHES: dict[str, Callable[[Run], Steps[Outcome]]] = {"mbts": multi_bound, "bfs": breadth_first}
 """Searches by the name that the command line gives them."""
 
 
 def search(name: str, tree: SequenceTree, accept: Accept, progress: Progress) -> Outcome:
     """Run a search until it finds something, has seen everything, or the tree's time is over."""
-    run = _Run(tree, accept, progress)
+    run = Run(tree, accept, progress)
     try:
         return run_alone(SEARCHES[name](run))
     except OutOfTime:

@@ -70,7 +70,17 @@ class Node:
     particles: Particles | None = None
     feasible: bool | None = None
     """Verdict of the sequence bound, or False by the pose bound; None: not computed."""
+    refuted_by: str = ""
+    """The bound that refuted it: "pose", "sequence", "path", or "check" for a path that only the check refused."""
+    violation: float = math.nan
+    """Least violation that an NLP under the refuting bound ended with, as a multiple of its tolerance."""
+    solved: bool | None = None
+    """Whether there is an accepted path; None: not tried."""
     children: list[Node] | None = None
+
+    def refute(self, bound: str, violation: float) -> None:
+        """Note that a bound of keyframes refutes this prefix, and so all its continuations."""
+        self.feasible, self.refuted_by, self.violation = False, bound, violation
 
     @property
     def depth(self) -> int:
@@ -122,6 +132,11 @@ class SequenceTree:
         self.root = Node((), self.grounding.initial_state, None, reaches_goal=False, feasible=True)
         self.root.particles = empty_prefix(len(scene.objects), k_max)
 
+    def too_large(self, node: Node) -> list[Action]:
+        """Actions that the logic allows after a prefix and a constant of the scene refutes."""
+        actions = self.grounding.actions
+        return [actions[i] for i in self.grounding.applicable(node.state) if self._refuted[actions[i]] is not None]
+
     def expand(self, node: Node) -> list[Node]:
         """Children of a node that pass the symbolic bound."""
         if node.children is None:
@@ -151,16 +166,24 @@ class SequenceTree:
         for length in range(1, max((len(chain) for chain, _ in chains), default=0) + 1):
             keys = [(chain[:length], ignored) for chain, ignored in chains if len(chain) >= length]
             yield from self._judge_chains(list(dict.fromkeys(keys)))
-        return [bool(self._poses[chain][ignored].feasible) for chain, ignored in map(self._chain, nodes)]
+        for node in nodes:
+            chain, ignored = self._chain(node)
+            judged = self._poses[chain][ignored]
+            if not judged.feasible:
+                node.refute("pose", judged.violation)
+        return [node.feasible is not False for node in nodes]
 
-    def known_pose(self, node: Node) -> bool | None:
-        """Verdict of a node's pose bound if some other node has led to it; None: not known."""
+    def recall_pose(self, node: Node) -> bool:
+        """Whether a node may go on: False, and the node refuted, if some other node's pose bound refutes it too."""
         chain, ignored = self._chain(node)
         for length in range(1, len(chain) + 1):
             known = self._poses.get(chain[:length], {}).get(ignored)
-            if known is None or known.feasible is False:
-                return None if known is None else False
-        return True
+            if known is None:
+                break
+            if known.feasible is False:
+                node.refute("pose", known.violation)
+                break
+        return node.feasible is not False
 
     def _judge_chains(self, keys: list[_PoseKey]) -> Steps[None]:
         """Verdicts of chains of one length, whose prefixes have theirs."""
@@ -175,7 +198,7 @@ class SequenceTree:
                 parent = self._poses[chain[:-1]][ignored] if len(chain) > 1 else self.root
                 node = known[ignored] = Node(chain, 0, parent, False)
                 if not parent.feasible:
-                    node.feasible = False
+                    node.feasible, node.violation = False, parent.violation
                 elif not self._inherit(node, ignored):
                     fresh.append((node, ignored))
             ignored_names = [tuple(sorted(names)) for _, names in fresh]
@@ -234,6 +257,9 @@ class SequenceTree:
             # Where inverse kinematics found nothing at all, more starts are no better than one.
             reached = [node for node in failed if _is_reached(node)]
             yield from self._solve_from(reached, range(1, STARTS), bound)
+            for node in group:
+                if not node.feasible:
+                    node.refute(bound, node.violation)
 
     def _solve_from(self, nodes: list[Node], ranks: Sequence[int], bound: str) -> Steps[list[Node]]:
         """Keyframe NLPs of nodes of one depth from their particles of these ranks; those nodes that failed."""
@@ -244,7 +270,10 @@ class SequenceTree:
             solutions = yield Solve([node.problem for node, _ in lanes], starts, self.settings)  # type: ignore[misc]
             self.counts.nlps[bound] += len(lanes)
             for (node, _), solution in zip(lanes, solutions, strict=True):
-                if solution.feasible:
+                if not solution.feasible:
+                    # NaN is no smaller than anything.
+                    node.violation = min(solution.ratio, node.violation)
+                else:
                     self.counts.feasible[bound] += not node.feasible
                     node.feasible = True
                     node.particles = adopt(node.particles, node.problem, solution)  # type: ignore[arg-type]

@@ -5,8 +5,9 @@ served with it: lanes of a batch do not know of each other."""
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any, TypeVar
 
 from dvr_jax.komo.augmented import Settings
@@ -42,25 +43,39 @@ Steps = Generator[Request, Any, T]
 
 def run_alone(steps: Steps[T]) -> T:
     """Run one computation to its end."""
-    return next(iter(run_together([steps])))[1]
+    return next(run_together([steps]))[1]
 
 
-def run_together(computations: Sequence[Steps[T]]) -> Iterator[tuple[int, T]]:
+def run_together(computations: Iterable[Steps[T]], width: int = 64) -> Iterator[tuple[int, T]]:
     """Run computations side by side, each request in a batch with the others'; yields (index, result) as they end.
 
-    What one of them raises is raised here."""
-    pending: dict[int, Request] = {}
-    replies: dict[int, Any] = dict.fromkeys(range(len(computations)))
-    while replies:
+    What one of them raises is raised here.
+
+    Args:
+        width: most computations under way at a time; the next one begins when one has ended.
+    """
+    waiting = enumerate(computations)
+    running: dict[int, Steps[T]] = {}
+    replies: dict[int, Any] = {}
+    while True:
+        pending: dict[int, Request] = {}
         ended: list[tuple[int, T]] = []
-        for index, reply in replies.items():
-            try:
-                pending[index] = computations[index].send(reply)
-            except StopIteration as stop:
-                ended.append((index, stop.value))
+        while True:
+            for index, reply in replies.items():
+                try:
+                    pending[index] = running[index].send(reply)
+                except StopIteration as stop:
+                    ended.append((index, stop.value))
+                    del running[index]
+            fresh = dict(islice(waiting, width - len(running)))
+            running |= fresh
+            replies = dict.fromkeys(fresh)
+            if not fresh:
+                break
         yield from ended
+        if not running:
+            return
         replies = _execute(pending)
-        pending = {}
 
 
 def _execute(requests: dict[int, Request]) -> dict[int, list[Any]]:
