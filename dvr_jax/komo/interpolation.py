@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
+from scipy.spatial.transform import Rotation
 
 from dvr_jax.check.motion import Motion, make_motion
 from dvr_jax.komo.problem import HELD_LEFT, PLACED, Problem
@@ -64,27 +65,25 @@ def _carry_objects(scene: Scene, problem: Problem, m: Floats, phase: NDArray[np.
     model = build_model(scene)
     data = mujoco.MjData(model)
     sites = [model.site(f"{arm}/gripper").id for arm in ARM_NAMES]
-    objects = qpos_layout(len(scene.objects)).objects
-    quaternion = np.zeros(4)
-    for sample, k in enumerate(phase):
-        data.qpos[:] = qpos[sample]
+    hand_p, hand_R = np.zeros((len(qpos), 2, 3)), np.zeros((len(qpos), 2, 9))
+    for sample, values in enumerate(qpos):
+        data.qpos[:] = values
         mujoco.mj_kinematics(model, data)
-        for n, columns in enumerate(objects):
+        hand_p[sample], hand_R[sample] = data.site_xpos[sites], data.site_xmat[sites]
+    for k in np.unique(phase):
+        samples = phase == k
+        for n, columns in enumerate(qpos_layout(len(scene.objects)).objects):
             kind, action = int(problem.attachment[k, n]), int(problem.attached_by[k, n])
             if kind >= HELD_LEFT:
                 R_object_hand, p_object_hand = grasp_transform(float(problem.face_yaw[action]), m[action])
-                R_hand = data.site_xmat[sites[kind - HELD_LEFT]].reshape(3, 3)
-                R = R_hand @ R_object_hand.T
-                p = data.site_xpos[sites[kind - HELD_LEFT]] - R @ p_object_hand
+                R = hand_R[samples, kind - HELD_LEFT].reshape(-1, 3, 3) @ R_object_hand.T
+                p, rotation = hand_p[samples, kind - HELD_LEFT] - R @ p_object_hand, Rotation.from_matrix(R)
+            elif kind == PLACED:
+                p, rotation = np.array([*m[action, :2], problem.half[n, 2]]), Rotation.from_euler("z", m[action, 2])
             else:
-                if kind == PLACED:
-                    p, yaw = np.array([m[action, 0], m[action, 1], problem.half[n, 2]]), m[action, 2]
-                else:
-                    p, yaw = problem.initial_pose[n, :3], problem.initial_pose[n, 3]
-                c, s = np.cos(yaw), np.sin(yaw)
-                R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-            mujoco.mju_mat2Quat(quaternion, R.reshape(-1))
-            qpos[sample, columns] = [*p, *quaternion]
+                p, rotation = problem.initial_pose[n, :3], Rotation.from_euler("z", problem.initial_pose[n, 3])
+            qpos[np.ix_(samples, columns[:3])] = p
+            qpos[np.ix_(samples, columns[3:])] = rotation.as_quat(scalar_first=True)
 
 
 def grasp_transform(face_yaw: float, m: Floats) -> tuple[Floats, Floats]:
