@@ -31,8 +31,8 @@ FORMAT = 1
 Kind = Literal["dvr", "classifier"]
 """What the network predicts: whether a step is promising, or whether the sequence so far is feasible."""
 
-_HEADER = "header"
-_STATE = "state"
+_HEADER, _PARAMETERS, _REST = "header", "parameters", "rest"
+"""Parts of a checkpoint."""
 
 
 @dataclass(frozen=True)
@@ -97,10 +97,9 @@ class TrainingState:
     seed: int
     """Of the order of the data."""
 
-    def arrays(self) -> dict[str, Any]:
-        """As one tree of arrays."""
-        order = np.array([self.seed, self.step], np.int64)
-        return {"parameters": self.weights.parameters, "optimizer": self.optimizer, "order": order}
+    def rest(self) -> dict[str, Any]:
+        """All but the parameters, as one tree of arrays."""
+        return {"optimizer": self.optimizer, "order": np.array([self.seed, self.step], np.int64)}
 
 
 class CheckpointFolder:
@@ -120,7 +119,11 @@ class CheckpointFolder:
 
     def save(self, state: TrainingState, header: Header) -> None:
         """Write a checkpoint."""
-        arguments = {_STATE: ocp.args.StandardSave(state.arrays()), _HEADER: ocp.args.JsonSave(header.to_json())}
+        arguments = {
+            _PARAMETERS: ocp.args.StandardSave(state.weights.parameters),
+            _REST: ocp.args.StandardSave(state.rest()),
+            _HEADER: ocp.args.JsonSave(header.to_json()),
+        }
         self._manager.save(state.step, args=ocp.args.Composite(**arguments))
 
     def header(self, step: int) -> Header:
@@ -134,10 +137,16 @@ class CheckpointFolder:
         if step is None:
             raise DvrError(f"{self.folder}: there is no checkpoint; valid is a folder that training has written.")
         header.require_same(self.header(step), self._name(step))
-        read = self._restore(step, **{_STATE: ocp.args.StandardRestore(template.arrays())})[_STATE]
-        weights = Weights(read["parameters"], header.config)
-        seed, step = (int(number) for number in read["order"])
-        return TrainingState(weights, read["optimizer"], step, seed)
+        # Templates of arrays put what is read onto this process' device, whatever device wrote it.
+        read = self._restore(
+            step,
+            **{
+                _PARAMETERS: ocp.args.StandardRestore(template.weights.parameters),
+                _REST: ocp.args.StandardRestore(template.rest()),
+            },
+        )
+        seed, step = (int(number) for number in read[_REST]["order"])
+        return TrainingState(Weights(read[_PARAMETERS], header.config), read[_REST]["optimizer"], step, seed)
 
     def weights(self) -> tuple[Weights, Header]:
         """Parameters of the latest checkpoint, without the optimiser's state."""
@@ -145,8 +154,9 @@ class CheckpointFolder:
         if step is None:
             raise DvrError(f"{self.folder}: there is no checkpoint; valid is a folder that training has written.")
         header = self.header(step)
-        read = self._restore(step, **{_STATE: ocp.args.StandardRestore()})[_STATE]
-        return _checked(read["parameters"], header, self._name(step)), header
+        template = initial_weights(header.config, 0).parameters
+        read = self._restore(step, **{_PARAMETERS: ocp.args.StandardRestore(template)})
+        return _checked(read[_PARAMETERS], header, self._name(step)), header
 
     def close(self) -> None:
         """Let go of the folder."""

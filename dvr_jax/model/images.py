@@ -69,7 +69,7 @@ def stack_images(images: Sequence[SceneImages], most_objects: int) -> ImageStack
 
 
 def assemble_images(depth: jax.Array, masks: jax.Array, scene: jax.Array, pairs: jax.Array) -> jax.Array:
-    """Action-object images (B, H, W, 3): image b shows the pair of masks `pairs[b]` (B, 2) of scene `scene[b]` (B,), from
-    depth (S, H, W) and masks (S, M, H, W). Runs on the device."""
+    """Action-object images (B, H, W, 3): image b shows the pair of masks `pairs[b]` (B, 2) of scene `scene[b]` (B,),
+    from depth (S, H, W) and masks (S, M, H, W). Runs on the device."""
     chosen = masks[scene[:, None], pairs].astype(jnp.float32)
     return jnp.moveaxis(jnp.concatenate([depth[scene][:, None], chosen], axis=1), 1, -1)
