@@ -24,7 +24,7 @@ from flax import traverse_util
 
 from dvr_jax.errors import DvrError
 from dvr_jax.model.encoding import domain_signature
-from dvr_jax.model.network import NetworkConfig, Weights, initial_weights
+from dvr_jax.model.network import NetworkConfig, Weights, initial_weights, parameter_shapes
 
 FORMAT = 1
 
@@ -206,8 +206,7 @@ def load_weights(path: Path) -> tuple[Weights, Header]:
 
 def _checked(parameters: Any, header: Header, source: str) -> Weights:
     """Parameters as weights, if their names and shapes are those of the header's network."""
-    expected = jax.eval_shape(lambda: initial_weights(header.config, 0)).parameters
-    wanted, found = _flatten(expected, "/"), _flatten(parameters, "/")
+    wanted, found = _flatten(parameter_shapes(header.config), "/"), _flatten(parameters, "/")
     for name in sorted(wanted.keys() | found.keys()):
         shapes = [tuple(tree[name].shape) if name in tree else None for tree in (found, wanted)]
         if shapes[0] != shapes[1]:

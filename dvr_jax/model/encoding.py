@@ -82,13 +82,12 @@ def encode_actions(grounding: Grounding, objects: Sequence[str]) -> ActionCodes:
     return ActionCodes(np.array(symbols, np.int32), np.array(tuples, np.int32), object_pairs(len(objects)))
 
 
-def domain_signature() -> str:
-    """What a network's inputs mean: a hash of `domain.pddl`, comments and layout aside, and of the list of symbols.
-
-    A network whose signature differs was trained on other actions.
-    """
-    text = files("dvr_jax.logic").joinpath("domain.pddl").read_text(encoding="utf-8")
-    rules = " ".join(re.sub(r";[^\n]*", "", text).split())
+def domain_signature(domain: str | None = None) -> str:
+    """What a network's inputs mean: a hash of a `domain.pddl` (this package's by default), comments and layout aside,
+    and of the list of symbols. A network whose signature differs was trained on other actions."""
+    if domain is None:
+        domain = files("dvr_jax.logic").joinpath("domain.pddl").read_text(encoding="utf-8")
+    rules = " ".join(re.sub(r";[^\n]*", "", domain).split())
     return hashlib.sha256(repr((rules, SYMBOLS)).encode()).hexdigest()[:16]
 
 
