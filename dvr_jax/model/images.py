@@ -29,6 +29,12 @@ DEPTH_RANGE = 0.25
 the arms at home and the floor, which look alike in all scenes, so the range is not spent on them."""
 
 
+MASK_VALUE = 16.0
+"""What a mask's pixels of 1 are to the network. An object covers some 10 of 64 x 64 pixels, so this gives the channel
+about unit variance. A small network that has to learn which arm stands on the object's side leaves the plateau of the
+loss after 100 steps with 16, 150 with 4 and 250 with 1 (learning rate 3e-3, 24 pixels)."""
+
+
 class SceneImages(NamedTuple):
     """Depth and masks of one scene."""
 
@@ -71,5 +77,5 @@ def stack_images(images: Sequence[SceneImages], most_objects: int) -> ImageStack
 def assemble_images(depth: jax.Array, masks: jax.Array, scene: jax.Array, pairs: jax.Array) -> jax.Array:
     """Action-object images (B, H, W, 3): image b shows the pair of masks `pairs[b]` (B, 2) of scene `scene[b]` (B,),
     from depth (S, H, W) and masks (S, M, H, W). Runs on the device."""
-    chosen = masks[scene[:, None], pairs].astype(jnp.float32)
+    chosen = MASK_VALUE * masks[scene[:, None], pairs].astype(jnp.float32)
     return jnp.moveaxis(jnp.concatenate([depth[scene][:, None], chosen], axis=1), 1, -1)

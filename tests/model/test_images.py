@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 
-from dvr_jax.model.images import assemble_images, normalize_depth, scene_images, stack_images
+from dvr_jax.model.images import MASK_VALUE, assemble_images, normalize_depth, scene_images, stack_images
 from dvr_jax.scene.camera import render_depth
 from dvr_jax.scene.sampling import sample_scenes
 
@@ -33,5 +33,5 @@ def test_assembly_puts_the_pair_behind_the_depth() -> None:
     for image, scene, (first, second) in zip(np.asarray(images), owner, pairs, strict=True):
         alone = scene_images(scenes[scene], 16)
         np.testing.assert_array_equal(image[..., 0], alone.depth)
-        np.testing.assert_array_equal(image[..., 1], alone.masks[first])
-        np.testing.assert_array_equal(image[..., 2], alone.masks[second])
+        np.testing.assert_array_equal(image[..., 1], MASK_VALUE * alone.masks[first])
+        np.testing.assert_array_equal(image[..., 2], MASK_VALUE * alone.masks[second])

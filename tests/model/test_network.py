@@ -53,7 +53,7 @@ def test_image_encoder_is_three_correlations_and_a_dense_layer() -> None:
     code = jax.jit(encode_images)(
         weights, jnp.asarray(depth), jnp.asarray(masks), jnp.zeros(1, jnp.int32), jnp.asarray(pair)
     )
-    image: NDArray[Any] = np.stack([depth[0], masks[0, 0], masks[0, 2]], axis=-1).astype(float)
+    image: NDArray[Any] = np.stack([depth[0], 16.0 * masks[0, 0], 16.0 * masks[0, 2]], axis=-1).astype(float)
     for i, stride in enumerate((1, 2, 2)):
         image = convolve(image, weights.parameters[f"convolutions_{i}"], stride)
     dense = weights.parameters["image_dense"]
