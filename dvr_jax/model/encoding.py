@@ -1,0 +1,95 @@
+"""From grounded actions to what the network takes: a symbol and a pair of masks for each action.
+
+The paper splits an action into its operator symbol, whose number does not depend on the scene, and the tuple of
+objects it operates on. A grasp's symbol holds arm and face, its tuple is (object,); a place's symbol holds arm and
+support, its tuple is (object, goal region) or, on the table, (object,): the table covers all that no mask shows, and
+the symbol already tells it apart. So a scene of N objects has 12 symbols and 2 N distinct tuples.
+"""
+
+import hashlib
+import re
+from collections.abc import Sequence
+from importlib.resources import files
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvr_jax.errors import DvrError
+from dvr_jax.logic import ARMS, FACES, Grounding
+from dvr_jax.logic.errors import listed
+from dvr_jax.scene.types import Scene
+
+Symbol = tuple[str, ...]
+"""Operator and the arguments that are no objects, as in `("grasp", "left", "+x")`."""
+
+SUPPORTS = ("table", "goal")
+
+OBJECT_ARGUMENT = {"grasp": 2, "place": 1}
+"""Operator name to the place of the object among its arguments."""
+
+SYMBOLS: tuple[Symbol, ...] = (*product(("grasp",), ARMS, FACES), *product(("place",), ARMS, SUPPORTS))
+"""All symbols; the place of one in this list is its code."""
+
+_CODE = {symbol: code for code, symbol in enumerate(SYMBOLS)}
+_PLACE_ON_GOAL = frozenset(symbol for symbol in SYMBOLS if symbol[0] == "place" and symbol[2] == "goal")
+
+
+class ActionCodes(NamedTuple):
+    """The A grounded actions of a scene of N objects, as arrays."""
+
+    symbol: NDArray[np.int32]
+    """Index into SYMBOLS (A,)."""
+    tuple_index: NDArray[np.int32]
+    """Index into `pairs` (A,)."""
+    pairs: NDArray[np.int32]
+    """The distinct tuples (2 N, 2), as indices into the stack of masks of `images.SceneImages`: tuple i is object i
+    alone, tuple N + i object i and the goal region."""
+
+
+def object_pairs(number: int) -> NDArray[np.int32]:
+    """The distinct tuples of a scene of N objects (2 N, 2): see `ActionCodes.pairs`."""
+    objects = np.arange(number)
+    alone, on_goal = np.full(number, number + 1), np.full(number, number)
+    return np.stack([np.tile(objects, 2), np.concatenate([alone, on_goal])], axis=1).astype(np.int32)
+
+
+def goal_tuple(scene: Scene) -> int:
+    """Index of the goal's own tuple (goal object, goal region) among a scene's `object_pairs`."""
+    return len(scene.objects) + scene.goal_index
+
+
+def encode_actions(grounding: Grounding, objects: Sequence[str]) -> ActionCodes:
+    """Codes of `grounding.actions` over the objects of these names, in the scene's order."""
+    symbols, tuples = [], []
+    index = {name: i for i, name in enumerate(objects)}
+    for action in grounding.actions:
+        place = OBJECT_ARGUMENT.get(action.operator)
+        if place is None:
+            raise DvrError(f"{action}: the network knows no operator '{action.operator}'; it knows: {_operators()}.")
+        name = action.arguments[place]
+        symbol = (action.operator, *action.arguments[:place], *action.arguments[place + 1 :])
+        if symbol not in _CODE:
+            same = [" ".join(known[1:]) for known in SYMBOLS if known[0] == action.operator]
+            raise DvrError(
+                f"{action}: the network knows no {action.operator} '{' '.join(symbol[1:])}'; it knows: {listed(same)}."
+            )
+        if name not in index:
+            raise DvrError(f"{action}: '{name}' is no object of the scene; objects: {listed(objects)}.")
+        symbols.append(_CODE[symbol])
+        tuples.append(index[name] + (len(objects) if symbol in _PLACE_ON_GOAL else 0))
+    return ActionCodes(np.array(symbols, np.int32), np.array(tuples, np.int32), object_pairs(len(objects)))
+
+
+def domain_signature(domain: str | None = None) -> str:
+    """What a network's inputs mean: a hash of a `domain.pddl` (this package's by default), comments and layout aside,
+    and of the list of symbols. A network whose signature differs was trained on other actions."""
+    if domain is None:
+        domain = files("dvr_jax.logic").joinpath("domain.pddl").read_text(encoding="utf-8")
+    rules = " ".join(re.sub(r";[^\n]*", "", domain).split())
+    return hashlib.sha256(repr((rules, SYMBOLS)).encode()).hexdigest()[:16]
+
+
+def _operators() -> str:
+    return listed(OBJECT_ARGUMENT)

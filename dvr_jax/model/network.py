@@ -1,0 +1,196 @@
+"""The paper's network: a convolutional recurrent one that tells, action by action, whether a sequence is promising.
+
+    image code    z(O)  = Dense_100(relu(Conv(relu(Conv(relu(Conv(I(O, S))))))))     three 5x5 convolutions
+    symbol code   e(a)  = relu(Dense_100(onehot(a)))
+    hidden state  h_k   = GRU_300(h_{k-1}, [e(a_k), z(O_k), z(O_goal)])              h_0 = 0
+    logit         l_k   = Dense_1(h_k),        probability = sigmoid(l_k)
+
+The goal's symbol is left out, as in the paper's experiments; without `goal` this is the recurrent feasibility
+classifier, which does not see the goal's tuple either. Padding of the convolutions is not stated in the paper: here
+an image keeps its size but for the strides.
+
+Linen and not NNX: its parameters are a plain dictionary, which scan, optimiser, checkpoint and compiled programs take
+as it is. All is float32, whatever JAX's default is.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from flax import linen as nn
+
+from dvr_jax.errors import DvrError
+from dvr_jax.model.encoding import SYMBOLS
+from dvr_jax.model.images import CHANNELS, assemble_images
+
+Parameters = dict[str, Any]
+"""A tree of float32 arrays."""
+
+KERNEL = (5, 5)
+STRIDES = (1, 2, 2)
+
+RECURRENT = ("hr", "hz", "hn")
+"""Names of the GRU's layers that act on the state."""
+
+SMALLEST_IMAGE, LARGEST_IMAGE = 8, 1024
+
+
+@dataclass(frozen=True)
+class NetworkConfig:
+    """Sizes of the network; the defaults are the paper's."""
+
+    image_size: int = 64
+    """Height and width of the images in pixels."""
+    channels: tuple[int, int, int] = (5, 10, 10)
+    """Channels of the three convolutional layers."""
+    dense: int = 100
+    """Size of an image's code and of a symbol's."""
+    hidden: int = 300
+    """Size of the GRU's state."""
+    goal: bool = True
+    """Whether the goal's tuple is an input; without it, the network is the recurrent feasibility classifier."""
+
+    def __post_init__(self) -> None:
+        if not SMALLEST_IMAGE <= self.image_size <= LARGEST_IMAGE:
+            raise DvrError(
+                f"the images' size is {self.image_size} pixels; valid are {SMALLEST_IMAGE} to {LARGEST_IMAGE}."
+            )
+        for name, value in (("dense", self.dense), ("hidden", self.hidden), ("channels", min(self.channels))):
+            if value < 1:
+                raise DvrError(f"the network's {name} is {getattr(self, name)}; valid is 1 or more.")
+        if len(self.channels) != len(STRIDES):
+            raise DvrError(f"the network's channels are {self.channels}; valid are {len(STRIDES)} numbers.")
+
+
+class Network(nn.Module):
+    """The network; use it through the functions below, or `Network(config).apply(..., method=Network.step)`."""
+
+    config: NetworkConfig
+
+    def setup(self) -> None:
+        """Layers."""
+        config = self.config
+        self.convolutions = [
+            nn.Conv(channels, KERNEL, strides=(stride, stride), padding="SAME")
+            for channels, stride in zip(config.channels, STRIDES, strict=True)
+        ]
+        self.image_dense = nn.Dense(config.dense)
+        self.symbol_dense = nn.Dense(config.dense)
+        self.cell = nn.GRUCell(config.hidden)
+        self.output = nn.Dense(1)
+
+    def encode_images(self, images: jax.Array) -> jax.Array:
+        """Codes (B, dense) of action-object images (B, H, W, 3)."""
+        for convolution in self.convolutions:
+            images = nn.relu(convolution(images))
+        return self.image_dense(images.reshape(images.shape[0], -1))
+
+    def encode_symbols(self, symbols: jax.Array) -> jax.Array:
+        """Codes (..., dense) of symbols (...), indices into SYMBOLS."""
+        return nn.relu(self.symbol_dense(jax.nn.one_hot(symbols, len(SYMBOLS), dtype=jnp.float32)))
+
+    def step(
+        self, hidden: jax.Array, symbol_code: jax.Array, image_code: jax.Array, goal_code: jax.Array | None
+    ) -> tuple[jax.Array, jax.Array]:
+        """Logit (...) of the next action and the state (..., hidden) after it, from the state before (..., hidden) and
+        codes (..., dense); `goal_code` is ignored by a network without goal."""
+        codes = [symbol_code, image_code]
+        if self.config.goal:
+            assert goal_code is not None
+            codes.append(goal_code)
+        hidden, _ = self.cell(hidden, jnp.concatenate(codes, axis=-1))
+        return self.output(hidden)[..., 0], hidden
+
+    def __call__(self, images: jax.Array, symbols: jax.Array) -> jax.Array:
+        """Logits (B,) of first actions whose tuple is the goal's; touches every parameter, for initialisation."""
+        code = self.encode_images(images)
+        hidden = jnp.zeros((len(images), self.config.hidden), jnp.float32)
+        return self.step(hidden, self.encode_symbols(symbols), code, code)[0]
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Weights:
+    """Parameters with the sizes they belong to; the sizes are static, so compiled programs are told apart by them."""
+
+    parameters: Parameters
+    config: NetworkConfig = field(metadata={"static": True})
+
+    def network(self) -> tuple[Network, dict[str, Parameters]]:
+        """The module and its variables."""
+        return Network(self.config), {"params": self.parameters}
+
+
+def parameter_shapes(config: NetworkConfig) -> Parameters:
+    """The tree of parameters with shapes in place of arrays."""
+    images = jax.ShapeDtypeStruct((1, config.image_size, config.image_size, CHANNELS), jnp.float32)
+    symbols = jax.ShapeDtypeStruct((1,), jnp.int32)
+    variables: Any = jax.eval_shape(Network(config).init, jax.random.key(0), images, symbols)
+    return variables["params"]
+
+
+def initial_weights(config: NetworkConfig, seed: int) -> Weights:
+    """Random parameters of a seed: kernels normal with variance 1 / inputs, the GRU's recurrent ones orthogonal, biases
+    zero. Drawn by NumPy, because XLA takes 20 s to compile the drawing of all layers."""
+    generator = np.random.default_rng(seed)
+
+    def draw(path: tuple[Any, ...], leaf: jax.ShapeDtypeStruct) -> jax.Array:
+        layer, name = (key.key for key in path[-2:])
+        if name != "kernel":
+            values = np.zeros(leaf.shape)
+        elif layer in RECURRENT:
+            factor, triangle = np.linalg.qr(generator.normal(size=leaf.shape))
+            values = factor * np.sign(np.diag(triangle))  # uniform over the orthogonal matrices
+        else:
+            values = generator.normal(size=leaf.shape) / math.sqrt(math.prod(leaf.shape[:-1]))
+        return jnp.asarray(values, jnp.float32)
+
+    return Weights(jax.tree_util.tree_map_with_path(draw, parameter_shapes(config)), config)
+
+
+def encode_images(
+    weights: Weights, depth: jax.Array, masks: jax.Array, scene: jax.Array, pairs: jax.Array
+) -> jax.Array:
+    """Codes (B, dense) of images given as in `images.assemble_images`."""
+    network, variables = weights.network()
+    images = assemble_images(depth, masks, scene, pairs)
+    return _only(network.apply(variables, images, method=Network.encode_images))
+
+
+def encode_symbols(weights: Weights, symbols: jax.Array) -> jax.Array:
+    """Codes (..., dense) of symbols (...)."""
+    network, variables = weights.network()
+    return _only(network.apply(variables, symbols, method=Network.encode_symbols))
+
+
+def step(
+    weights: Weights, hidden: jax.Array, symbol_code: jax.Array, image_code: jax.Array, goal_code: jax.Array | None
+) -> tuple[jax.Array, jax.Array]:
+    """Logit (...) and next state (..., hidden) of one action; see `Network.step`."""
+    network, variables = weights.network()
+    result: Any = network.apply(variables, hidden, symbol_code, image_code, goal_code, method=Network.step)
+    return result
+
+
+def run_sequence(
+    weights: Weights, symbol_codes: jax.Array, image_codes: jax.Array, goal_code: jax.Array | None
+) -> jax.Array:
+    """Logits (B, K) along sequences of codes (B, K, dense) with the goal's code (B, dense), from the zero state."""
+
+    def body(hidden: jax.Array, codes: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+        logit, hidden = step(weights, hidden, *codes, goal_code)
+        return hidden, logit
+
+    start = jnp.zeros((symbol_codes.shape[0], weights.config.hidden), jnp.float32)
+    along = (jnp.swapaxes(symbol_codes, 0, 1), jnp.swapaxes(image_codes, 0, 1))
+    return jnp.swapaxes(jax.lax.scan(body, start, along)[1], 0, 1)
+
+
+def _only(result: Any) -> jax.Array:
+    """What a module returns, which its types leave open."""
+    return result

@@ -1,0 +1,156 @@
+"""The network as the tree searches use it: a scene is encoded once, then each query costs one step of the GRU.
+
+predictor = Predictor.load(Path("out/train/network.npz"))
+code = predictor.begin(scene)
+hidden = code.initial_hidden(len(children))
+probabilities, hidden = predictor.step(code, hidden, children)     # children: indices of actions
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from dvr_jax.compilation import Program
+from dvr_jax.errors import DvrError
+from dvr_jax.logic import Grounding, ground_actions
+from dvr_jax.model.checkpoint import Header, Kind, load_weights
+from dvr_jax.model.encoding import encode_actions, goal_tuple
+from dvr_jax.model.images import scene_images, stack_images
+from dvr_jax.model.network import Weights, encode_images, encode_symbols, step
+from dvr_jax.scene.types import Scene
+from dvr_jax.scene.workspace import MAXIMUM_OBJECTS
+
+BATCH_SIZES = (16, 64, 256)
+"""Rows for which `step` is compiled; fewer are padded, more go in several calls. The children of a node are at most 16
+with two objects and 64 with eight, and padding costs less than another compilation."""
+
+OBJECT_NUMBERS = (1, 2, 4, 8)
+"""Numbers of objects for which `begin` is compiled."""
+
+_MOST_ACTIONS = 12 * MAXIMUM_OBJECTS
+
+
+class _Codes(NamedTuple):
+    """Codes of a scene on the device; padded with zeros to a length that no scene exceeds."""
+
+    symbol: jax.Array
+    """(96, dense) by action."""
+    image: jax.Array
+    """(96, dense) by action."""
+    goal: jax.Array
+    """(dense,)."""
+
+
+@dataclass(frozen=True, slots=True)
+class SceneCode:
+    """A scene as the network sees it."""
+
+    scene: Scene
+    grounding: Grounding
+    """Its actions; a network's action index is an index into `grounding.actions`."""
+    codes: _Codes
+    hidden_size: int
+
+    def initial_hidden(self, number: int = 1) -> NDArray[np.float32]:
+        """The state before the first action, for `number` rows (number, H)."""
+        return np.zeros((number, self.hidden_size), np.float32)
+
+
+@dataclass(frozen=True)
+class Predictor:
+    """A trained network of any kind, for scenes of 1 to 8 objects."""
+
+    weights: Weights
+    kind: Kind
+
+    @staticmethod
+    def load(path: Path) -> Predictor:
+        """From an exported file, or from the latest checkpoint of a training's folder."""
+        weights, header = load_weights(path)
+        return Predictor.of(weights, header)
+
+    @staticmethod
+    def of(weights: Weights, header: Header) -> Predictor:
+        """From weights in memory."""
+        return Predictor(weights, header.kind)
+
+    def begin(self, scene: Scene, grounding: Grounding | None = None) -> SceneCode:
+        """Render and encode a scene, once for a whole search; `grounding` is that of its objects and goal, if known."""
+        names = [item.name for item in scene.objects]
+        if grounding is None:
+            grounding = ground_actions(names, scene.goal.object)
+        actions = encode_actions(grounding, names)
+        number = next(size for size in OBJECT_NUMBERS if size >= len(names))
+        images = stack_images([scene_images(scene, self.weights.config.image_size)], number)
+        pairs = np.full((2 * number, 2), len(names) + 1, np.int32)  # padding: two masks of zeros
+        pairs[: len(actions.pairs)] = actions.pairs
+        codes = _encode_scene(
+            self.weights,
+            jnp.asarray(images.depth),
+            jnp.asarray(images.masks),
+            jnp.asarray(pairs),
+            jnp.asarray(goal_tuple(scene), jnp.int32),
+            _padded(actions.symbol, _MOST_ACTIONS),
+            _padded(actions.tuple_index, _MOST_ACTIONS),
+        )
+        return SceneCode(scene, grounding, codes, self.weights.config.hidden)
+
+    def step(
+        self, code: SceneCode, hidden: NDArray[np.float32], actions: Sequence[int] | NDArray[np.integer]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Probabilities (B,) of the next actions `actions` (B,) after prefixes whose states are `hidden` (B, H), and
+        the states (B, H) after those actions."""
+        chosen = np.asarray(actions, np.int32).reshape(-1)
+        hidden = np.asarray(hidden, np.float32)
+        if hidden.shape != (len(chosen), code.hidden_size):
+            raise DvrError(f"the states have shape {hidden.shape}; valid is {(len(chosen), code.hidden_size)}.")
+        wrong = chosen[(chosen < 0) | (chosen >= len(code.grounding.actions))]
+        if len(wrong):
+            raise DvrError(f"there is no action {wrong[0]}; valid are 0 to {len(code.grounding.actions) - 1}.")
+        probabilities, after = np.empty(len(chosen), np.float32), np.empty_like(hidden)
+        for first in range(0, len(chosen), BATCH_SIZES[-1]):
+            rows = slice(first, min(first + BATCH_SIZES[-1], len(chosen)))
+            count = rows.stop - first
+            size = next(size for size in BATCH_SIZES if size >= count)
+            result = _step(self.weights, code.codes, _padded(hidden[rows], size), _padded(chosen[rows], size))
+            probabilities[rows], after[rows] = (np.asarray(item)[:count] for item in result)
+        return probabilities, after
+
+
+def _padded(rows: NDArray[Any], size: int) -> jax.Array:
+    """The array with rows of zeros behind it, on the device."""
+    result = np.zeros((size, *rows.shape[1:]), rows.dtype)
+    result[: len(rows)] = rows
+    return jnp.asarray(result)
+
+
+@Program
+def _encode_scene(
+    weights: Weights,
+    depth: jax.Array,
+    masks: jax.Array,
+    pairs: jax.Array,
+    goal: jax.Array,
+    symbols: jax.Array,
+    tuples: jax.Array,
+) -> _Codes:
+    """Codes of one scene: depth (1, H, W), masks (1, M, H, W), pairs (P, 2), goal's tuple (), symbol and tuple of each
+    action (A,)."""
+    images = encode_images(weights, depth, masks, jnp.zeros(len(pairs), jnp.int32), pairs)
+    return _Codes(encode_symbols(weights, symbols), images[tuples], images[goal])
+
+
+@Program
+def _step(weights: Weights, codes: _Codes, hidden: jax.Array, actions: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Probabilities (B,) and states (B, H) after actions (B,)."""
+    goal = jnp.broadcast_to(codes.goal, (len(actions), codes.goal.shape[-1]))
+    logit, after = step(weights, hidden, codes.symbol[actions], codes.image[actions], goal)
+    return jax.nn.sigmoid(logit), after

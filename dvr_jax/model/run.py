@@ -1,0 +1,234 @@
+"""A whole training run: options, preparation of the data, and the loop with its reports and checkpoints.
+
+A batch is a function of seed and step, and everything else that a step depends on is in the checkpoint, so a run that
+was killed goes on to the same result.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import time
+import zipfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from dvr_jax.errors import DvrError
+from dvr_jax.model.batches import (
+    ExamplesLike,
+    SceneTable,
+    assemble_batch,
+    check_examples,
+    draw_rows,
+    held_out_scenes,
+    scene_table,
+    share_of_ones,
+)
+from dvr_jax.model.checkpoint import CheckpointFolder, Header, Kind, TrainingState, export_weights
+from dvr_jax.model.history import History, save_curves
+from dvr_jax.model.images import DEPTH_RANGE, ImageStack, scene_images, stack_images
+from dvr_jax.model.network import NetworkConfig, Weights, initial_weights
+from dvr_jax.model.training import ADAM, Validation, train_step
+from dvr_jax.scene.pinhole import SCENE_CAMERA
+from dvr_jax.scene.types import Scene
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class TrainOptions:
+    """Train the network on labelled sequences; the defaults are the paper's where it states them."""
+
+    data: tuple[Path, ...]
+    """Files of labelled sequences, or folders of them."""
+    out: Path
+    """Folder for everything that is written; a run in it that was cut short is continued."""
+    kind: Kind = "dvr"
+    """dvr: whether each action is promising for the goal; classifier: whether the sequence so far is feasible."""
+    validation: tuple[Path, ...] = ()
+    """Held-out sequences; without it, a fraction of the scenes of --data is held out."""
+    held_out: float = 0.1
+    """Fraction of the scenes that is held out."""
+    steps: int = 100_000
+    """Batches to train on."""
+    image_size: int = 64
+    """Height and width of the images in pixels."""
+    learning_rate: float = 5e-4
+    """Of Adam."""
+    batch: int = 48
+    """Sequences in a batch."""
+    least_feasible: int = 16
+    """Of these, drawn from the feasible ones."""
+    positive_weight: float | None = None
+    """Weight of a target of 1 in the loss; by default zeros and ones weigh the same in the mean."""
+    seed: int = 0
+    """Of the initial parameters and of the order of the data."""
+    log_every: int = 100
+    """Steps between two reports of the loss."""
+    validate_every: int = 2_000
+    """Steps between two looks at the held-out scenes."""
+    checkpoint_every: int = 1_000
+    """Steps between two checkpoints; a multiple of --log-every."""
+    validation_sequences: int = 4_096
+    """At most so many held-out sequences are predicted."""
+    validation_scenes: int = 256
+    """At most so many held-out scenes are searched greedily."""
+
+    def check(self) -> None:
+        """Refuse values that make no sense."""
+        for name in ("steps", "batch", "log_every", "validate_every", "checkpoint_every", "validation_sequences"):
+            if getattr(self, name) < 1:
+                raise DvrError(f"--{name.replace('_', '-')} is {getattr(self, name)}; valid is 1 or more.")
+        if self.seed < 0:
+            raise DvrError(f"--seed is {self.seed}; valid is 0 or more.")
+        if self.validation_scenes < 0:
+            raise DvrError(f"--validation-scenes is {self.validation_scenes}; valid is 0 or more.")
+        if not 0 <= self.least_feasible <= self.batch:
+            raise DvrError(f"--least-feasible is {self.least_feasible}; valid is 0 to {self.batch}, the batch.")
+        for name, value in (("learning-rate", self.learning_rate), ("positive-weight", self.positive_weight)):
+            if value is not None and not 0 < value < float("inf"):
+                raise DvrError(f"--{name} is {value}; valid is a positive number.")
+        if self.checkpoint_every % self.log_every:
+            raise DvrError(
+                f"--checkpoint-every is {self.checkpoint_every}; valid is a multiple of --log-every {self.log_every}."
+            )
+
+
+@dataclass(frozen=True)
+class TrainingData:
+    """What a run trains on and is measured on."""
+
+    examples: ExamplesLike
+    table: SceneTable
+    rows: np.ndarray[Any, np.dtype[np.int64]]
+    """Sequences that are trained on."""
+    feasible: np.ndarray[Any, np.dtype[np.int64]]
+    """Of these, the feasible ones."""
+    positive_weight: float
+    validation: Validation | None
+    fingerprint: str
+    """Hash of the examples."""
+
+
+def prepare(
+    options: TrainOptions, examples: ExamplesLike, held_out: ExamplesLike | None, say: Say = print
+) -> TrainingData:
+    """Check, split, render; `held_out` are separate held-out examples."""
+    options.check()
+    check_examples(examples, "--data")
+    table = _table(examples.scenes, options.image_size, options.out / "images.npz", say)
+    rows = np.arange(len(examples.scene))
+    validation_rows = rows[:0]
+    if held_out is None:
+        aside = held_out_scenes(len(examples.scenes), options.held_out)[examples.scene]
+        rows, validation_rows = rows[~aside], rows[aside]
+        if not len(rows):
+            raise DvrError(f"all {len(examples.scenes)} scenes are held out; give more scenes or a smaller --held-out.")
+    feasible = rows[np.asarray(examples.feasible)[rows]]
+    weight = options.positive_weight
+    if weight is None:
+        share = share_of_ones(examples, rows, feasible, options.least_feasible / options.batch, options.kind)
+        weight = (1 - share) / share if 0 < share < 1 else 1.0
+    limits = options.kind, weight, options.validation_sequences, options.validation_scenes
+    validation = None
+    if held_out is not None:
+        check_examples(held_out, "--validation")
+        other = _table(held_out.scenes, options.image_size, options.out / "validation_images.npz", say)
+        validation = Validation.of(held_out, other, np.arange(len(held_out.scene)), *limits)
+    elif len(validation_rows):
+        validation = Validation.of(examples, table, validation_rows, *limits)
+    return TrainingData(examples, table, rows, feasible, weight, validation, _fingerprint(examples))
+
+
+def train(options: TrainOptions, data: TrainingData, network: NetworkConfig, say: Say = print) -> Weights:
+    """Train from the start or from the latest checkpoint in `options.out`; returns the last weights."""
+    header = Header(options.kind, network, training=_course(options, data))
+    checkpoints = CheckpointFolder(options.out / "checkpoints")
+    weights = initial_weights(network, options.seed)
+    state = TrainingState(weights, ADAM.init(weights.parameters), 0, options.seed)
+    if checkpoints.latest() is not None:
+        state = checkpoints.restore(state, header)
+        if state.step > options.steps:
+            raise DvrError(f"--steps is {options.steps}; the run in {options.out} is already at step {state.step}.")
+        say(f"continues at step {state.step}")
+    weights, optimizer = state.weights, state.optimizer
+    rate, positive = jnp.float32(options.learning_rate), jnp.float32(data.positive_weight)
+    with History(options.out, state.step) as history:
+        losses, clock = [], time.monotonic()
+        for step in range(state.step + 1, options.steps + 1):
+            rows = draw_rows(data.rows, data.feasible, options.batch, options.least_feasible, options.seed, step)
+            batch = assemble_batch(data.examples, data.table, rows, options.kind)
+            weights, optimizer, loss = train_step(
+                weights, optimizer, data.table.depth, data.table.masks, batch, rate, positive
+            )
+            losses.append(loss)
+            if step % options.log_every == 0:
+                mean = float(np.mean(jnp.stack(losses)))
+                speed = len(losses) / (time.monotonic() - clock)
+                if not np.isfinite(mean):
+                    raise DvrError(f"the loss is {mean} at step {step}; a smaller --learning-rate may help.")
+                history.add(step, "train", {"loss": mean})
+                say(f"step {step:>7}  loss {mean:.4f}  {speed:.1f} steps/s")
+                losses, clock = [], time.monotonic()
+            if data.validation is not None and (step % options.validate_every == 0 or step == options.steps):
+                figures = data.validation.measure(weights)
+                history.add(step, "validation", figures)
+                say(f"step {step:>7}  held out: " + "  ".join(f"{name} {value:.4f}" for name, value in figures.items()))
+                clock = time.monotonic()
+            if step % options.checkpoint_every == 0 or step == options.steps:
+                checkpoints.save(TrainingState(weights, optimizer, step, options.seed), header)
+        records = history.records
+    checkpoints.close()
+    export_weights(options.out / "network.npz", weights, header)
+    if not save_curves(options.out / "curves.png", records):
+        say("no curves.png: matplotlib is not installed (pip install 'dvr_jax[plots]')")
+    return weights
+
+
+def _course(options: TrainOptions, data: TrainingData) -> dict[str, Any]:
+    """Everything on which the course of a run depends besides network, kind and domain; not when it ends."""
+    names = ("learning_rate", "batch", "least_feasible", "seed")
+    split = "separate" if options.validation else options.held_out
+    return {
+        **{name: getattr(options, name) for name in names},
+        "positive_weight": data.positive_weight,
+        "held_out": split,
+        "data": data.fingerprint,
+    }
+
+
+def _fingerprint(examples: ExamplesLike) -> str:
+    """Hash of scenes, sequences and labels."""
+    digest = hashlib.sha256(repr(tuple(examples.scenes)).encode())
+    for array in (examples.scene, examples.actions, examples.targets, examples.length, examples.feasible):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()[:16]
+
+
+def _table(scenes: Sequence[Scene], size: int, cache: Path, say: Say) -> SceneTable:
+    """Table of the scenes; their images are read from `cache` if they are there, else rendered and kept there."""
+    key = hashlib.sha256(repr((tuple(scenes), size, SCENE_CAMERA, DEPTH_RANGE)).encode()).hexdigest()
+    images = _read_images(cache, key)
+    if images is None:
+        say(f"rendering {len(scenes)} scenes")
+        most = max(len(scene.objects) for scene in scenes)
+        images = stack_images([scene_images(scene, size) for scene in scenes], most)
+        cache.parent.mkdir(parents=True, exist_ok=True)
+        partial = cache.with_suffix(".partial.npz")
+        np.savez_compressed(partial, key=np.array(key), depth=images.depth, masks=images.masks)
+        os.replace(partial, cache)
+    return scene_table(scenes, images)
+
+
+def _read_images(cache: Path, key: str) -> ImageStack | None:
+    """Images kept under this key; None where there are none."""
+    try:
+        with np.load(cache, allow_pickle=False) as file:
+            return ImageStack(file["depth"], file["masks"]) if str(file["key"]) == key else None
+    except (FileNotFoundError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        return None

@@ -1,0 +1,43 @@
+"""Command line `python -m dvr_jax.train --data FILES --out DIR`: train the network, or the feasibility classifier.
+
+DIR then holds `network.npz` (what the searches load), `checkpoints/`, `history.jsonl`, `events/` (TensorBoard),
+`curves.png` and `images.npz` (the rendered scenes, so that they are rendered once). A run that was killed goes on when
+the same command is given again, to the same result to the last bit on the same machine (on a GPU only with
+XLA_FLAGS=--xla_gpu_deterministic_ops=true).
+"""
+
+from __future__ import annotations
+
+import importlib
+
+import tyro
+
+from dvr_jax.errors import run_command
+from dvr_jax.model.network import NetworkConfig
+from dvr_jax.model.run import TrainOptions, prepare, train
+
+
+def say(line: str) -> None:
+    """Print at once, also into a pipe."""
+    print(line, flush=True)
+
+
+def main() -> int:
+    """Load, train, say how it goes."""
+    options = tyro.cli(TrainOptions, prog="python -m dvr_jax.train")
+    options.check()
+    network = NetworkConfig(image_size=options.image_size, goal=options.kind == "dvr")
+    load_examples = importlib.import_module("dvr_jax.dataset").load_examples
+    held_out = load_examples(options.validation) if options.validation else None
+    data = prepare(options, load_examples(options.data), held_out, say)
+    say(
+        f"{len(data.rows)} sequences to train on, {len(data.feasible)} of them feasible; "
+        f"a target of 1 weighs {data.positive_weight:.2f}"
+    )
+    train(options, data, network, say)
+    say(f"written to {options.out}/")
+    return 0
+
+
+if __name__ == "__main__":
+    run_command(main)

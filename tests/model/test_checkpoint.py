@@ -1,0 +1,112 @@
+"""Checkpoints and exports: what is read is what was written, and what does not fit is refused by name."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+import optax
+import pytest
+
+from dvr_jax.errors import DvrError
+from dvr_jax.model.checkpoint import CheckpointFolder, Header, TrainingState, export_weights, load_weights
+from dvr_jax.model.network import NetworkConfig, initial_weights
+from dvr_jax.model.predictor import Predictor
+
+CONFIG = NetworkConfig(image_size=16, channels=(1, 2, 2), dense=4, hidden=5)
+WEIGHTS = initial_weights(CONFIG, 1)
+HEADER = Header("dvr", CONFIG, training={"batch": 48, "learning_rate": 5e-4})
+
+
+def same(one: Any, other: Any) -> bool:
+    return jax.tree.structure(one) == jax.tree.structure(other) and all(
+        np.array_equal(mine, theirs) for mine, theirs in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True)
+    )
+
+
+def test_checkpoint_gives_back_the_state(tmp_path: Path) -> None:
+    adam = optax.scale_by_adam()
+    _, optimizer = adam.update(WEIGHTS.parameters, adam.init(WEIGHTS.parameters))
+    folder = CheckpointFolder(tmp_path / "run", keep=1)
+    assert folder.latest() is None
+    for step in (5, 9):
+        folder.save(TrainingState(WEIGHTS, optimizer, step, 77), HEADER)
+    folder.close()
+    again = CheckpointFolder(tmp_path / "run")
+    blank = initial_weights(CONFIG, 2)
+    state = again.restore(TrainingState(blank, adam.init(blank.parameters), 0, 0), HEADER)
+    assert (state.step, state.seed) == (9, 77)
+    assert same(state.weights, WEIGHTS) and same(state.optimizer, optimizer)
+    assert again.header(9) == HEADER
+    assert sorted(path.name for path in (tmp_path / "run").iterdir()) == ["9"]
+    weights, header = load_weights(tmp_path / "run")
+    assert same(weights, WEIGHTS) and header == HEADER
+    assert same(Predictor.load(tmp_path / "run").weights, WEIGHTS)
+
+
+@pytest.mark.parametrize(
+    ("other", "message"),
+    [
+        (Header("classifier", CONFIG, training=HEADER.training), "trained with kind = dvr, this run has classifier"),
+        (Header("dvr", NetworkConfig(hidden=6), training=HEADER.training), "config"),
+        (Header("dvr", CONFIG, training={**HEADER.training, "batch": 32}), "training.batch = 48, this run has 32"),
+    ],
+)
+def test_another_run_is_not_continued(other: Header, message: str) -> None:
+    with pytest.raises(DvrError, match=message):
+        other.require_same(HEADER, "run, step 3")
+
+
+def test_export_gives_back_weights_and_header(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "network.npz"
+    export_weights(path, WEIGHTS, HEADER)
+    weights, header = load_weights(path)
+    assert same(weights, WEIGHTS) and header == HEADER
+    assert [item.name for item in path.parent.iterdir()] == ["network.npz"]
+
+
+def rewrite(path: Path, change: dict[str, Any]) -> None:
+    """An export with parts of the header or whole arrays replaced."""
+    export_weights(path, WEIGHTS, HEADER)
+    with np.load(path) as file:
+        arrays: dict[str, Any] = dict(file)
+    record = json.loads(str(arrays["header"]))
+    for name, value in change.items():
+        if name in arrays:
+            arrays[name] = value
+        else:
+            record[name] = value
+    arrays["header"] = np.array(json.dumps(record))
+    np.savez(path, **arrays)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"domain": "0123"}, "another symbolic domain \\(signature 0123\\); valid is [0-9a-f]{16}"),
+        ({"kind": "oracle"}, "the kind is 'oracle'; valid: dvr, classifier"),
+        ({"format": 7}, "the format is 7; valid is 1"),
+        ({"config": {"hidden": 5}}, "the header is incomplete"),
+        ({"config": {"hidden": 5, "channels": 3}}, "the header is incomplete"),
+        ({"output/kernel": np.zeros((6, 1))}, "output/kernel has shape \\(6, 1\\); its sizes ask for \\(5, 1\\)"),
+    ],
+)
+def test_exports_that_do_not_fit_are_refused(tmp_path: Path, change: dict[str, Any], message: str) -> None:
+    rewrite(tmp_path / "network.npz", change)
+    with pytest.raises(DvrError, match=message):
+        load_weights(tmp_path / "network.npz")
+
+
+def test_what_is_no_network_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "network.npz"
+    for content in (b"", b"nonsense", b"PK\x03\x04cut short"):
+        path.write_bytes(content)
+        with pytest.raises(DvrError, match="no exported network"):
+            load_weights(path)
+    np.savez(path, a=np.zeros(3))
+    with pytest.raises(DvrError, match="no exported network"):
+        load_weights(path)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(DvrError, match="there is no checkpoint"):
+        load_weights(tmp_path / "empty")

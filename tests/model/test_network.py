@@ -1,0 +1,131 @@
+"""The network against SciPy's correlation, the GRU's equations and flax's own cell; scan against single steps."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from flax import linen as nn
+from numpy.typing import NDArray
+from scipy.signal import correlate2d
+
+from dvr_jax.errors import DvrError
+from dvr_jax.model.network import (
+    NetworkConfig,
+    Weights,
+    encode_images,
+    encode_symbols,
+    initial_weights,
+    run_sequence,
+    step,
+)
+
+SMALL = NetworkConfig(image_size=16, channels=(2, 3, 4), dense=7, hidden=11)
+
+
+def random_weights(config: NetworkConfig, seed: int = 0) -> Weights:
+    """With biases that are not zero."""
+    weights = initial_weights(config, seed)
+    generator = np.random.default_rng(seed)
+    return jax.tree.map(lambda leaf: leaf + generator.normal(0, 0.1, leaf.shape).astype("float32"), weights)
+
+
+def convolve(image: NDArray[Any], layer: Any, stride: int) -> NDArray[Any]:
+    """Relu of a 5x5 layer on an image (H, W, C), padded as much as its stride needs."""
+    kernel, bias = np.asarray(layer["kernel"], float), np.asarray(layer["bias"], float)
+    planes = []
+    for out in range(kernel.shape[-1]):
+        # With an even size and stride 2 one row less is padded before than behind.
+        before = (4 - (stride - 1)) // 2
+        padded = np.pad(image, ((before, 4 - before), (before, 4 - before), (0, 0)))
+        plane = sum(correlate2d(padded[..., c], kernel[..., c, out], "valid") for c in range(image.shape[-1]))
+        planes.append(plane[::stride, ::stride] + bias[out])
+    return np.maximum(np.stack(planes, axis=-1), 0)
+
+
+def test_image_encoder_is_three_correlations_and_a_dense_layer() -> None:
+    weights = random_weights(SMALL)
+    generator = np.random.default_rng(0)
+    depth = generator.normal(size=(1, 16, 16)).astype(np.float32)
+    masks = generator.integers(0, 2, (1, 3, 16, 16)).astype(np.uint8)
+    pair = np.array([[0, 2]], np.int32)
+    code = jax.jit(encode_images)(
+        weights, jnp.asarray(depth), jnp.asarray(masks), jnp.zeros(1, jnp.int32), jnp.asarray(pair)
+    )
+    image: NDArray[Any] = np.stack([depth[0], 16.0 * masks[0, 0], 16.0 * masks[0, 2]], axis=-1).astype(float)
+    for i, stride in enumerate((1, 2, 2)):
+        image = convolve(image, weights.parameters[f"convolutions_{i}"], stride)
+    dense = weights.parameters["image_dense"]
+    expected = image.ravel() @ np.asarray(dense["kernel"], float) + np.asarray(dense["bias"], float)
+    np.testing.assert_allclose(np.asarray(code)[0], expected, rtol=1e-4, atol=1e-5)
+
+
+def test_step_is_a_gru_and_a_linear_layer() -> None:
+    weights = random_weights(SMALL)
+    hidden, symbol, image, goal = (
+        jax.random.normal(jax.random.key(i), (5, n), "float32") for i, n in enumerate((11, 7, 7, 7))
+    )
+    logit, after = step(weights, hidden, symbol, image, goal)
+    inputs = np.concatenate([symbol, image, goal], axis=-1)
+    theirs, _ = nn.GRUCell(11).apply({"params": weights.parameters["cell"]}, hidden, inputs)
+    np.testing.assert_allclose(after, theirs, atol=1e-6)
+
+    def gate(name: str, values: Any) -> Any:
+        layer = weights.parameters["cell"][name]
+        return np.asarray(values, float) @ np.asarray(layer["kernel"], float) + np.asarray(
+            layer.get("bias", 0.0), float
+        )
+
+    reset = 1 / (1 + np.exp(-gate("ir", inputs) - gate("hr", hidden)))
+    update = 1 / (1 + np.exp(-gate("iz", inputs) - gate("hz", hidden)))
+    candidate = np.tanh(gate("in", inputs) + reset * gate("hn", hidden))
+    by_hand = (1 - update) * candidate + update * np.asarray(hidden, float)
+    np.testing.assert_allclose(after, by_hand, atol=1e-5)
+    output = weights.parameters["output"]
+    np.testing.assert_allclose(logit, (by_hand @ np.asarray(output["kernel"]) + output["bias"])[:, 0], atol=1e-5)
+
+
+@pytest.mark.parametrize("goal", [True, False])
+def test_sequence_agrees_with_single_steps(goal: bool) -> None:
+    weights = random_weights(NetworkConfig(image_size=16, goal=goal))
+    symbols = encode_symbols(weights, jnp.arange(12).reshape(2, 6))
+    images = jax.random.normal(jax.random.key(1), (2, 6, 100), "float32")
+    aim = jax.random.normal(jax.random.key(2), (2, 100), "float32") if goal else None
+    logits = jax.jit(run_sequence)(weights, symbols, images, aim)
+    hidden, one_step = jnp.zeros((2, 300), "float32"), jax.jit(step)
+    for k in range(6):
+        logit, hidden = one_step(weights, hidden, symbols[:, k], images[:, k], aim)
+        np.testing.assert_allclose(logits[:, k], logit, atol=1e-5)
+
+
+def test_sizes_are_those_of_the_paper() -> None:
+    shapes = jax.tree.map(jnp.shape, initial_weights(NetworkConfig(), 0).parameters)
+    assert [shapes[f"convolutions_{i}"]["kernel"] for i in range(3)] == [(5, 5, 3, 5), (5, 5, 5, 10), (5, 5, 10, 10)]
+    assert shapes["image_dense"]["kernel"] == (16 * 16 * 10, 100)
+    assert shapes["symbol_dense"]["kernel"] == (12, 100)
+    assert shapes["cell"]["in"]["kernel"] == (300, 300) and shapes["cell"]["hn"]["kernel"] == (300, 300)
+    assert shapes["output"]["kernel"] == (300, 1)
+    classifier = initial_weights(NetworkConfig(goal=False), 0).parameters
+    assert classifier["cell"]["in"]["kernel"].shape == (200, 300)
+
+
+def test_parameters_are_single_precision_whatever_the_default() -> None:
+    assert jax.config.values["jax_enable_x64"]
+    weights = initial_weights(SMALL, 0)
+    assert {leaf.dtype for leaf in jax.tree.leaves(weights)} == {jnp.dtype("float32")}
+    codes = encode_symbols(weights, jnp.arange(12)[None])
+    assert run_sequence(weights, codes, codes, codes[:, 0]).dtype == jnp.float32
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"image_size": 4}, "size is 4"),
+        ({"hidden": 0}, "hidden is 0"),
+        ({"channels": (5, 0, 10)}, "channels is \\(5, 0"),
+    ],
+)
+def test_impossible_sizes_are_refused(wrong: dict[str, Any], message: str) -> None:
+    with pytest.raises(DvrError, match=message):
+        NetworkConfig(**wrong)

@@ -1,0 +1,100 @@
+"""The predictor against the network on whole sequences, for every number of objects."""
+
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from dvr_jax.errors import DvrError
+from dvr_jax.logic import enumerate_sequences
+from dvr_jax.model import predictor as module
+from dvr_jax.model.checkpoint import Header, export_weights
+from dvr_jax.model.encoding import SYMBOLS
+from dvr_jax.model.images import assemble_images, scene_images
+from dvr_jax.model.network import Network, NetworkConfig, initial_weights
+from dvr_jax.model.predictor import BATCH_SIZES, Predictor
+from dvr_jax.scene.sampling import SceneDistribution, sample_scenes
+
+WEIGHTS = initial_weights(NetworkConfig(image_size=16, channels=(2, 3, 3), dense=9, hidden=13), 4)
+PREDICTOR = Predictor.of(WEIGHTS, Header("dvr", WEIGHTS.config))
+SPARSE = SceneDistribution(wide_side=(0.05, 0.08))
+
+
+@pytest.mark.parametrize("number", [1, 2, 3, 5, 8])
+def test_steps_are_the_network_on_the_actions_images(number: int) -> None:
+    scene = next(sample_scenes(1, number, 1, SPARSE))
+    code = PREDICTOR.begin(scene)
+    sequence = next(enumerate_sequences(code.grounding, 4))
+    network, variables = WEIGHTS.network()
+    images = scene_images(scene, 16)
+
+    def encode(first: int, second: int) -> object:
+        pair = jnp.array([[first, second]])
+        image = assemble_images(
+            jnp.asarray(images.depth)[None], jnp.asarray(images.masks)[None], jnp.zeros(1, int), pair
+        )
+        return network.apply(variables, image, method=Network.encode_images)
+
+    goal = encode(scene.goal_index, number)
+    mine, theirs = code.initial_hidden(), jnp.zeros((1, 13), jnp.float32)
+    for index in sequence:
+        action = code.grounding.actions[index]
+        name = action.arguments[2 if action.operator == "grasp" else 1]
+        symbol = SYMBOLS.index((action.operator, *(word for word in action.arguments if word != name)))
+        image = encode(scene.object_index(name), number if action.arguments[-1] == "goal" else number + 1)
+        word = network.apply(variables, jnp.array([symbol]), method=Network.encode_symbols)
+        logit, theirs = network.apply(variables, theirs, word, image, goal, method=Network.step)
+        probability, mine = PREDICTOR.step(code, mine, [index])
+        np.testing.assert_allclose(probability, 1 / (1 + np.exp(-np.asarray(logit))), atol=1e-5)
+        np.testing.assert_allclose(mine, theirs, atol=1e-5)
+
+
+def test_rows_do_not_see_each_other_nor_the_padding() -> None:
+    code = PREDICTOR.begin(next(sample_scenes(1, 2, 0)))
+    generator = np.random.default_rng(0)
+    number = BATCH_SIZES[-1] + 3
+    actions, hidden = generator.integers(0, 24, number), generator.normal(size=(number, 13)).astype(np.float32)
+    probabilities, after = PREDICTOR.step(code, hidden, actions)
+    for row in (0, 7, number - 1):
+        alone, state = PREDICTOR.step(code, hidden[[row]], actions[[row]])
+        np.testing.assert_allclose(alone[0], probabilities[row], atol=1e-6)
+        np.testing.assert_allclose(state[0], after[row], atol=1e-6)
+    assert [item.shape for item in PREDICTOR.step(code, hidden[:0], [])] == [(0,), (0, 13)]
+
+
+def test_few_shapes_are_compiled_and_images_encoded_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: dict[str, set[tuple[int, ...]]] = {"_step": set(), "_encode_scene": set()}
+    counts = dict.fromkeys(calls, 0)
+    for name in calls:
+        original = getattr(module, name)
+
+        def counted(*args: object, name: str = name, original: object = original) -> object:
+            calls[name].add(args[3].shape)  # type: ignore[attr-defined]
+            counts[name] += 1
+            return original(*args)  # type: ignore[operator]
+
+        monkeypatch.setattr(module, name, counted)
+    code = PREDICTOR.begin(next(sample_scenes(1, 2, 0)))
+    for number in range(1, 300, 13):
+        PREDICTOR.step(code, code.initial_hidden(number), np.zeros(number, int))
+    assert calls["_step"] == {(size,) for size in BATCH_SIZES}
+    assert counts["_encode_scene"] == 1
+
+
+def test_classifier_needs_no_goal(tmp_path: Path) -> None:
+    weights = initial_weights(NetworkConfig(image_size=16, channels=(1, 1, 1), dense=4, hidden=5, goal=False), 0)
+    export_weights(tmp_path / "network.npz", weights, Header("classifier", weights.config))
+    predictor = Predictor.load(tmp_path / "network.npz")
+    assert predictor.kind == "classifier"
+    code = predictor.begin(next(sample_scenes(1, 1, 0)))
+    probabilities, _ = predictor.step(code, code.initial_hidden(12), range(12))
+    assert probabilities.shape == (12,) and np.all((probabilities > 0) & (probabilities < 1))
+
+
+def test_wrong_queries_are_refused() -> None:
+    code = PREDICTOR.begin(next(sample_scenes(1, 1, 0)))
+    with pytest.raises(DvrError, match="no action 12; valid are 0 to 11"):
+        PREDICTOR.step(code, code.initial_hidden(), [12])
+    with pytest.raises(DvrError, match=r"shape \(1, 13\); valid is \(2, 13\)"):
+        PREDICTOR.step(code, code.initial_hidden(), [0, 1])

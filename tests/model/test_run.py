@@ -1,0 +1,179 @@
+"""Whole training runs on a rule that is known: they learn it, go on after a kill, and report what they did."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+import pytest
+from labelled import sided_examples
+from PIL import Image
+
+from dvr_jax import train as command
+from dvr_jax.errors import DvrError, run_command
+from dvr_jax.model.batches import assemble_batch
+from dvr_jax.model.checkpoint import load_weights
+from dvr_jax.model.history import History, read_history
+from dvr_jax.model.network import NetworkConfig, initial_weights
+from dvr_jax.model.predictor import Predictor
+from dvr_jax.model.run import TrainOptions, prepare, train
+from dvr_jax.model.training import evaluate_batch, weighted_loss
+
+EXAMPLES = sided_examples(16, 0)
+SMALL = NetworkConfig(image_size=24, channels=(3, 4, 4), dense=32, hidden=64)
+OPTIONS = TrainOptions(
+    data=(),
+    out=Path("unused"),
+    image_size=24,
+    batch=15,
+    least_feasible=5,
+    held_out=0.2,
+    steps=24,
+    log_every=4,
+    validate_every=12,
+    checkpoint_every=8,
+    validation_scenes=4,
+)
+
+
+def quiet(line: str) -> None:
+    pass
+
+
+def test_loss_is_the_weighted_mean_over_steps_that_count() -> None:
+    logits, target = np.array([[2.0, -1.0, 5.0]]), np.array([[1.0, 0.0, 0.0]])
+    mask = np.array([[1.0, 1.0, 0.0]])
+    loss, total = weighted_loss(jnp.asarray(logits), target, mask, jnp.asarray(3.0))
+    by_hand = (3 * -np.log(1 / (1 + np.exp(-2))) - np.log(1 - 1 / (1 + np.exp(1)))) / 4
+    assert float(loss) == pytest.approx(by_hand) and float(total) == 4
+    behind, _ = weighted_loss(jnp.asarray([[2.0, -1.0, -50.0]]), target, mask, jnp.asarray(3.0))
+    assert float(behind) == float(loss)
+
+
+def test_learns_which_arm_is_on_the_objects_side(tmp_path: Path) -> None:
+    options = replace(OPTIONS, out=tmp_path, steps=240, log_every=20, checkpoint_every=240, learning_rate=3e-3)
+    data = prepare(options, EXAMPLES, None, quiet)
+    assert data.positive_weight == pytest.approx(0.5)  # a third drawn of the feasible, the others half and half
+    lines: list[str] = []
+    train(replace(options, validate_every=120), data, SMALL, lines.append)
+    weights, _ = load_weights(tmp_path / "network.npz")
+    batch = assemble_batch(EXAMPLES, data.table, data.rows, "dvr")
+    _, _, logits = evaluate_batch(weights, data.table.depth, data.table.masks, batch, jnp.float32(1))
+    counts = batch.mask > 0
+    assert np.mean((np.asarray(logits) > 0)[counts] == (batch.target > 0.5)[counts]) > 0.95
+
+    # What the searches load says the same of a scene that was trained on, and files are there to look at.
+    predictor, scene = Predictor.load(tmp_path / "network.npz"), EXAMPLES.scenes[EXAMPLES.scene[data.rows[0]]]
+    code = predictor.begin(scene)
+    probabilities, _ = predictor.step(code, code.initial_hidden(24), range(24))
+    wanted = "left" if scene.objects[scene.goal_index].position[0] < 0 else "right"
+    for action, probability in zip(code.grounding.actions, probabilities, strict=True):
+        if action.operator == "grasp" and action.arguments[2] == scene.goal.object:
+            assert (probability > 0.5) == (action.arguments[0] == wanted)
+    records = read_history(tmp_path / "history.jsonl")
+    assert [r["step"] for r in records if "validation/loss" in r] == [120, 240]
+    assert {"validation/average_precision", "validation/top1"} <= records[-1].keys()
+    assert any(path.name.startswith("events.out") for path in (tmp_path / "events").iterdir())
+    assert Image.open(tmp_path / "curves.png").size[0] > 800
+    assert any("held out: loss" in line for line in lines)
+
+
+class Killed(Exception):
+    pass
+
+
+def test_a_killed_run_goes_on_to_the_same_result(tmp_path: Path) -> None:
+    def killer(line: str) -> None:
+        if line.startswith("step      20"):  # after the checkpoint of step 16
+            raise Killed
+
+    whole, cut = replace(OPTIONS, out=tmp_path / "whole"), replace(OPTIONS, out=tmp_path / "cut")
+    train(whole, prepare(whole, EXAMPLES, None, quiet), SMALL, quiet)
+    with pytest.raises(Killed):
+        train(cut, prepare(cut, EXAMPLES, None, quiet), SMALL, killer)
+    lines: list[str] = []
+    data = prepare(cut, EXAMPLES, None, lines.append)
+    assert not lines  # rendered before
+    train(cut, data, SMALL, lines.append)
+    assert lines[0] == "continues at step 16"
+    results = [load_weights(options.out / "network.npz")[0] for options in (whole, cut)]
+    for mine, theirs in zip(*map(jax.tree.leaves, results), strict=True):
+        np.testing.assert_array_equal(mine, theirs)
+    assert read_history(whole.out / "history.jsonl") == read_history(cut.out / "history.jsonl")
+
+    with pytest.raises(DvrError, match=r"training\.seed = 0, this run has 1"):
+        train(replace(cut, seed=1), data, SMALL, quiet)
+    with pytest.raises(DvrError, match=r"config\.hidden = 64, this run has 65"):
+        train(cut, data, replace(SMALL, hidden=65), quiet)
+    with pytest.raises(DvrError, match=r"--steps is 10; the run in .* is already at step 24"):
+        train(replace(cut, steps=10), data, SMALL, quiet)
+
+
+def test_a_step_is_adams(tmp_path: Path) -> None:
+    options = replace(OPTIONS, out=tmp_path, steps=1, log_every=1, checkpoint_every=1, held_out=0.0)
+    data = prepare(options, EXAMPLES, None, quiet)
+    assert data.validation is None
+    before, after = initial_weights(SMALL, 0), train(options, data, SMALL, quiet)
+    moved = jax.tree.map(lambda new, old: np.abs(np.asarray(new - old)), after.parameters, before.parameters)
+    # Adam's first step is the learning rate in the direction of the gradient's sign, whatever its size.
+    adam = optax.adam(options.learning_rate)
+    expected, _ = adam.update(jnp.ones(1), adam.init(jnp.ones(1)))
+    assert max(float(leaf.max()) for leaf in jax.tree.leaves(moved)) == pytest.approx(-float(expected[0]), rel=1e-3)
+
+
+def test_command_trains_a_classifier_on_separate_held_out_scenes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    held_out = sided_examples(3, 9)
+    reader = SimpleNamespace(load_examples=lambda paths: held_out if paths == (Path("b"),) else EXAMPLES)
+    monkeypatch.setitem(sys.modules, "dvr_jax.dataset", reader)
+    arguments = "--data a --validation b --kind classifier --image-size 8 --batch 8 --least-feasible 2"
+    arguments += " --steps 4 --log-every 2 --checkpoint-every 4"
+    monkeypatch.setattr(sys, "argv", ["train", *arguments.split(), "--out", str(tmp_path)])
+    assert command.main() == 0
+    assert "128 sequences to train on, 64 of them feasible" in capsys.readouterr().out
+    predictor = Predictor.load(tmp_path / "network.npz")
+    assert predictor.kind == "classifier" and not predictor.weights.config.goal
+    last = read_history(tmp_path / "history.jsonl")[-1]
+    assert last.keys() == {"step", "validation/loss", "validation/average_precision"}
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        ("--least-feasible 49", "--least-feasible is 49; valid is 0 to 48, the batch."),
+        ("--checkpoint-every 150", "--checkpoint-every is 150; valid is a multiple of --log-every 100."),
+        ("--learning-rate 0", "--learning-rate is 0.0; valid is a positive number."),
+        ("--image-size 2", "the images' size is 2 pixels; valid are 8 to 1024."),
+        ("--held-out 1", "the held-out fraction is 1.0; valid is from 0 to below 1."),
+    ],
+)
+def test_bad_options_end_with_one_sentence(
+    option: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    examples = sided_examples(1, 0)
+    monkeypatch.setitem(sys.modules, "dvr_jax.dataset", SimpleNamespace(load_examples=lambda paths: examples))
+    monkeypatch.setattr(sys, "argv", ["train", "--data", "a", "--out", str(tmp_path), *option.split()])
+    with pytest.raises(SystemExit) as ended:
+        run_command(command.main)
+    assert ended.value.code == 2
+    assert capsys.readouterr().err == f"error: {message}\n"
+
+
+def test_history_forgets_what_came_after_the_checkpoint(tmp_path: Path) -> None:
+    with History(tmp_path, 0) as history:
+        for step in (10, 20, 30):
+            history.add(step, "train", {"loss": 1 / step})
+    with (tmp_path / "history.jsonl").open("a") as file:
+        file.write('{"step": 40, "tra')
+    with History(tmp_path, 20) as history:
+        history.add(30, "train", {"loss": 0.5})
+    assert [(r["step"], r["train/loss"]) for r in read_history(tmp_path / "history.jsonl")] == [
+        (10, 0.1),
+        (20, 0.05),
+        (30, 0.5),
+    ]
