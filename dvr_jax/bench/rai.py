@@ -10,17 +10,21 @@ arms. The problem in its terms, with S steps a phase and switch k at time k = 1.
 - at every slice the sum of all penetrations is zero and joints are within their limits;
 - costs: of keyframes the pull to home and squared differences of consecutive ones, of a path squared accelerations.
 
-Differences from `dvr_jax.komo`: boxes have edges rounded by `ROUNDING`; fingers stay open while they hold; a path is free of
-penetrations at its slices only, not between them; an object has no acceleration just after a switch, either."""
+Differences from `dvr_jax.komo`: boxes have edges rounded by `ROUNDING`; fingers stay open while they hold; a path is
+free of penetrations at its slices only, not between them; an object has no acceleration just after a switch, either."""
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import math
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
+import jax.numpy as jnp
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -57,10 +61,13 @@ _LEVELS = {
 """-n: the capsule does not meet its own link's n ancestors; this leaves the pairs of `dvr_jax.komo.contacts`."""
 
 
+@cache
 def load_robotic() -> Any:
     """The module `robotic`; a DvrError that says how to get it where it is missing."""
     try:
-        return importlib.import_module("robotic")
+        # It opens a log file in the current folder as it is imported.
+        with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+            return importlib.import_module("robotic")
     except (ImportError, OSError) as error:
         reason = " ".join(str(error).split())
         raise DvrError(
@@ -184,9 +191,7 @@ def _along(direction: Floats) -> Floats:
     return _quaternion(np.stack([x, np.cross(z, x), z], axis=1))
 
 
-def _add_support(
-    ry: Any, config: Any, name: str, pose: tuple[float, float, float], size: tuple[float, float]
-) -> None:
+def _add_support(ry: Any, config: Any, name: str, pose: tuple[float, float, float], size: tuple[float, float]) -> None:
     """A rectangle on the table's top that objects are placed on and nothing collides with."""
     support = config.addFrame(name)
     thickness = 0.02
@@ -324,4 +329,4 @@ def to_variables(problem: Problem, actions: Sequence[Action], solved: PeerSolved
         c, s = math.cos(problem.face_yaw[k]), math.sin(problem.face_yaw[k])
         tangent = np.array([-s, c, 0.0])
         m[k, :3] = tangent @ centre, centre[2], math.atan2(tangent @ approach, -approach[2])
-    return Variables(solved.q, m)
+    return Variables(jnp.asarray(solved.q), jnp.asarray(m))
