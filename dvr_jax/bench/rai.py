@@ -39,8 +39,13 @@ from dvr_jax.scene.workspace import ARM_NAMES, FINGER_OPEN, NUMBER_OF_JOINTS, TA
 
 Floats = NDArray[np.float64]
 
-ROUNDING = 0.015
-"""Radius of the boxes' edges [m]: the deepest penetration that `robotic` sees is the sum of both shapes' radii."""
+ROUNDING = 0.005
+"""Radius of the objects' edges [m]. The deepest penetration that `robotic` sees is the sum of both shapes' radii, and a
+rounded edge lies 0.4 radii inside the sharp one. Of 28 keyframe problems with a solution it finds 23, 23, 24 with 15,
+5 and 2 mm, and 19, 20 and 21 solutions are ours, too; with 2 mm one box inside another would pass its verdict."""
+
+TABLE_ROUNDING = 0.015
+"""The same of the table [m], whose edges nothing reaches."""
 
 CLEARANCE = 5e-4
 """The table's collision body lies so much below its top [m]: what stands on it must not count as a contact."""
@@ -126,7 +131,7 @@ def build_peer_scene(scene: Scene) -> PeerScene:
     half_x, half_y = TABLE_HALF_EXTENTS
     table = config.addFrame("table")
     table.setPosition([0.0, 0.0, -CLEARANCE - TABLE_BODY / 2])
-    table.setShape(ry.ST.ssBox, [2 * half_x, 2 * half_y, TABLE_BODY, ROUNDING]).setContact(1)
+    table.setShape(ry.ST.ssBox, [2 * half_x, 2 * half_y, TABLE_BODY, TABLE_ROUNDING]).setContact(1)
     joints = (_add_arm(ry, config, 0), _add_arm(ry, config, 1))
     _add_support(ry, config, "support_table", (0.0, 0.0, 0.0), (2 * half_x, 2 * half_y))
     region = scene.goal.region
