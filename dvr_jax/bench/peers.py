@@ -1,9 +1,12 @@
 """The same keyframe and path problems solved by `robotic` (rai's KOMO) and by us: verdicts and CPU times side by side.
 
-Each scene gives, for every length, sequences drawn at random and sequences whose keyframes our search finds feasible.
-Both solvers run warm, in one process on one core, each keyframe problem from its own start and each path from its own
-solver's keyframes, once. Loading, set-up and compilation are not timed. `robotic`'s solutions are judged a second
-time, as points of our NLP by our measure; feasible paths of both by the independent check."""
+Each scene gives, for every length, sequences drawn at random and sequences whose keyframes our search finds feasible;
+the latter favour ours, so the tables end with both kinds apart.
+Both solvers run warm, in one process on one core. Keyframes: `robotic` solves its NLP once from the home posture, as
+its tutorials do; ours is what a search does for one sequence, particles of every prefix and NLPs from the best of them
+(without the company of other sequences, which a search has: the program for particles extends eight prefixes at once).
+Paths: one NLP each, from the solver's own keyframes. Loading, set-up and compilation are not timed. `robotic`'s
+solutions are judged a second time, as points of our NLP by our measure; feasible paths by the independent check."""
 
 from __future__ import annotations
 
@@ -67,8 +70,9 @@ LEGEND = """\
 feasible: by each one's own verdict (robotic's: its scaled violations add up to less than 0.1, equalities and
 inequalities apart). times: medians of CPU time [ms], first of problems that both find feasible, then of those that both
 try and find infeasible; ratio: robotic's median as a multiple of ours. by our measure: of the solutions that robotic
-calls feasible, those within our tolerances everywhere, and with paths looked at in their slices only. check: feasible
-paths that the independent check accepts; of ours, also those accepted once solved again with twice the slices."""
+calls feasible, those within our tolerances everywhere, and with paths looked at in their slices only. A solver has no
+path where it found no keyframes. check: feasible paths that the independent check accepts; of ours, also those accepted
+once solved again with twice the slices."""
 
 _T = TypeVar("_T")
 
@@ -330,13 +334,13 @@ def print_tables(rows: Sequence[dict[str, Any]]) -> None:
     for kind, title in titles.items():
         print(f"\n{'':<10}{'':>5} {'feasible in':<29} | {'both feasible':<23} | {'both infeasible':<23} |")
         times = f"{'ours':>7} {'robotic':>8} {'ratio':>6}"
-        print(f"{kind:<10}{'':>5} {'both':>5} {'ours':>5} {'robotic':>8} {'neither':>8} | {times} | {times} | {title}")
-        for length in (*LENGTHS, None):
-            chosen = [row for row in rows if length in (row["length"], None)]
-            if kind == "path":  # those that at least one of the two has tried
-                chosen = [row for row in chosen if row["path"]]
+        print(f"{kind:<10}{'count':>5} {'both':>5} {'ours':>5} {'robotic':>8} {'neither':>8} | {times} | {times} | {title}")
+        # Paths: of what at least one of the two has tried.
+        tried = [row for row in rows if row[kind]]
+        for name in (*LENGTHS, "drawn", "found", "all"):
+            chosen = [row for row in tried if name in (row["length"], row["source"], "all")]
             if chosen:
-                print(f"{'all' if length is None else length:<10}" + _side_by_side(chosen, kind))
+                print(f"{name:<10}" + _side_by_side(chosen, kind))
 
 
 def run(arguments: list[str]) -> int:
