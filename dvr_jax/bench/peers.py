@@ -333,8 +333,9 @@ def print_tables(rows: Sequence[dict[str, Any]]) -> None:
     titles = {"keyframes": "by our measure", "path": "by our measure    | check: ours      | robotic's"}
     for kind, title in titles.items():
         print(f"\n{'':<10}{'':>5} {'feasible in':<29} | {'both feasible':<23} | {'both infeasible':<23} |")
+        verdicts = f"{'count':>5} {'both':>5} {'ours':>5} {'robotic':>8} {'neither':>8}"
         times = f"{'ours':>7} {'robotic':>8} {'ratio':>6}"
-        print(f"{kind:<10}{'count':>5} {'both':>5} {'ours':>5} {'robotic':>8} {'neither':>8} | {times} | {times} | {title}")
+        print(f"{kind:<10}{verdicts} | {times} | {times} | {title}")
         # Paths: of what at least one of the two has tried.
         tried = [row for row in rows if row[kind]]
         for name in (*LENGTHS, "drawn", "found", "all"):
