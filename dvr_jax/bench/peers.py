@@ -1,0 +1,357 @@
+"""The same keyframe and path problems solved by `robotic` (rai's KOMO) and by us: verdicts and CPU times side by side.
+
+Each scene gives, for every length, sequences drawn at random and sequences whose keyframes our search finds feasible;
+the latter favour ours, so the tables end with both kinds apart.
+Both solvers run warm, in one process on one core. Keyframes: `robotic` solves its NLP once from the home posture, as
+its tutorials do; ours is what a search does for one sequence, particles of every prefix and NLPs from the best of them
+(without the company of other sequences, which a search has: the program for particles extends eight prefixes at once).
+Paths: one NLP each, from the solver's own keyframes. Loading, set-up and compilation are not timed. `robotic`'s
+solutions are judged a second time, as points of our NLP by our measure; feasible paths by the independent check."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import platform
+import statistics
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import tyro
+
+from dvr_jax.bench.rai import (
+    CLEARANCE,
+    ROUNDING,
+    PeerScene,
+    PeerSolved,
+    build_keyframes,
+    build_path,
+    build_peer_scene,
+    load_robotic,
+    solve_peer,
+    to_variables,
+)
+from dvr_jax.bench.recall import judge_prefix, random_extension
+from dvr_jax.check.replay import check_motion
+from dvr_jax.errors import DvrError
+from dvr_jax.komo.augmented import Settings
+from dvr_jax.komo.constraints import samples_of
+from dvr_jax.komo.engine import STEPS_PER_PHASE, Solved, path_problem, stack
+from dvr_jax.komo.interpolation import interpolate
+from dvr_jax.komo.problem import Problem, Variables
+from dvr_jax.komo.solver import CHUNK, Geometry, judge, lay_out_trial, measure_chunk, start
+from dvr_jax.komo.transcription import transcribe
+from dvr_jax.komo.verdict import PENETRATION_TOLERANCE
+from dvr_jax.logic import Action, Grounding
+from dvr_jax.scene.sampling import sample_scenes
+from dvr_jax.scene.types import Scene
+from dvr_jax.search.tree import Node, SequenceTree
+
+LENGTHS = range(2, 7)
+"""Lengths of the sequences."""
+
+WIDTH = 24
+"""Prefixes judged at each depth on the way to a sequence with feasible keyframes."""
+
+KEPT = 6
+"""Feasible ones of these that are extended."""
+
+LEGEND = """\
+feasible: by each one's own verdict (robotic's: its scaled violations add up to less than 0.1, equalities and
+inequalities apart). times: medians of CPU time [ms], first of problems that both find feasible, then of those that both
+try and find infeasible; ratio: robotic's median as a multiple of ours. by our measure: of the solutions that robotic
+calls feasible, those within our tolerances everywhere, and with paths looked at in their slices only. A solver has no
+path where it found no keyframes. check: feasible paths that the independent check accepts; of ours, also those accepted
+once solved again with twice the slices."""
+
+_T = TypeVar("_T")
+
+
+@dataclass(frozen=True)
+class PeersOptions:
+    """Solve the same problems with `robotic` and with ours, on one core."""
+
+    scenes: int = 20
+    """Scenes of two boxes."""
+    drawn: int = 1
+    """Sequences of each scene and length drawn at random; most are infeasible."""
+    found: int = 1
+    """Sequences of each scene and length whose keyframes our search finds feasible, where there are any."""
+    seed: int = 1
+    """Of scenes, sequences and both solvers."""
+    out: Path | None = None
+    """JSON Lines file of results; scenes that it already has are not solved again."""
+
+
+def draw_sequence(
+    grounding: Grounding, scene: Scene, length: int, generator: np.random.Generator
+) -> tuple[Action, ...] | None:
+    """A random sequence that first reaches the goal with its last action and that no constant of the scene refutes."""
+    actions: list[Action] = []
+    state = grounding.initial_state
+    for left in range(length - 1, -1, -1):
+        step = random_extension(grounding, scene, state, partial(_reaches, grounding, left), generator)
+        if step is None:
+            return None
+        actions.append(step[0])
+        state = step[1]
+    return tuple(actions)
+
+
+def _reaches(grounding: Grounding, left: int, state: int) -> bool:
+    return grounding.reaches_goal_in(state, left)
+
+
+def find_sequences(tree: SequenceTree, length: int, number: int, generator: np.random.Generator) -> list[Node]:
+    """Some sequences of a length whose keyframes the tree finds feasible."""
+    nodes = [tree.root]
+    for left in range(length - 1, -1, -1):
+        children = [
+            child for node in nodes for child in tree.expand(node) if tree.grounding.reaches_goal_in(child.state, left)
+        ]
+        chosen = [children[i] for i in generator.permutation(len(children))[:WIDTH]]
+        tree.judge_sequences(chosen)
+        nodes = [node for node in chosen if node.feasible][: KEPT if left else number]
+    return nodes
+
+
+def time_call(call: Callable[[], _T]) -> tuple[_T, float, float]:
+    """Result, CPU seconds and wall seconds of a call."""
+    cpu, wall = time.process_time(), time.perf_counter()
+    result = call()
+    return result, time.process_time() - cpu, time.perf_counter() - wall
+
+
+def judge_point(problem: Problem, x: Variables) -> dict[str, float]:
+    """Our violations at a point [m or rad], "ratio" (the largest one as a multiple of its tolerance) and, of a path,
+    "ratio at slices": the same without what is between the slices."""
+    T, K = len(x.q), len(x.m)
+    if T > K:
+        problem = path_problem(problem, x)
+    # As many lanes as the solver has: its compiled programs serve.
+    lanes = CHUNK // K if T == K else 1
+    settings = jax.tree.map(np.asarray, Settings())
+    batch: Problem = stack([problem] * lanes)
+    states = start(batch, stack([x] * lanes), settings)
+    geometry = []
+    for chunk in lay_out_trial(batch, states):
+        measured = measure_chunk(chunk)
+        geometry.append(Geometry(measured.distance, measured.hand_R, measured.hand_p, measured.screws))
+    seen, _ = judge(batch, settings, states, tuple(geometry))
+    values = {name: float(value[0]) for name, value in seen.violations._asdict().items()}
+    M = samples_of(T, K)
+    distances = np.concatenate([np.asarray(piece.distance) for piece in geometry])[: T * M]
+    at_slices = max(0.0, -float(distances[M - 1 :: M].min()))
+    without = seen.violations._replace(penetration=jnp.zeros(lanes))
+    ratio_at_slices = max(float(without.ratio()[0]), at_slices / PENETRATION_TOLERANCE)
+    return {**values, "ratio": float(seen.violations.ratio()[0]), "ratio at slices": ratio_at_slices}
+
+
+def _passes(scene: Scene, actions: Sequence[Action], problem: Problem, q: Any, m: Any) -> bool:
+    return check_motion(scene, actions, interpolate(scene, problem, np.asarray(q), np.asarray(m))).passed
+
+
+def _our_keyframes(scene: Scene, actions: Sequence[Action], seed: int) -> tuple[SequenceTree, Node, dict[str, Any]]:
+    """Particles of every prefix, and NLPs where no particle is a witness: what a search does for one sequence."""
+    for _ in range(2):  # the first time compiles
+        tree = SequenceTree(scene, len(actions), seed)
+        node, cpu, wall = time_call(partial(judge_prefix, tree, actions))
+    return tree, node, {"feasible": bool(node.feasible), "seconds": cpu, "wall seconds": wall}
+
+
+def _our_path(tree: SequenceTree, node: Node) -> tuple[Solved, dict[str, Any]]:
+    tree.solve_path(node, 0)
+    path, cpu, wall = time_call(partial(tree.solve_path, node, 0))
+    row = {"feasible": path.feasible, "seconds": cpu, "wall seconds": wall, "iterations": path.iterations}
+    return path, {**row, "ratio": path.ratio}
+
+
+def _peer_row(problem: Problem, actions: Sequence[Action], solved: PeerSolved) -> dict[str, Any]:
+    return {
+        "feasible": solved.feasible,
+        "seconds": solved.seconds,
+        "evaluations": solved.evaluations,
+        "equalities": solved.equalities,
+        "inequalities": solved.inequalities,
+        "our measure": judge_point(problem, to_variables(problem, actions, solved)),
+    }
+
+
+def compare(peer: PeerScene, actions: Sequence[Action], seed: int) -> dict[str, Any]:
+    """Keyframes and path of one sequence by both solvers; a path is tried where the solver's own keyframes are
+    feasible."""
+    scene, problem = peer.scene, transcribe(peer.scene, actions)
+    tree, node, ours = _our_keyframes(scene, actions, seed)
+    keyframes = solve_peer(peer, build_keyframes(peer, actions), seed)
+    row: dict[str, Any] = {
+        "keyframes": {"ours": ours, "robotic": _peer_row(problem, actions, keyframes)},
+        "path": {},
+    }
+    if node.feasible:
+        path, result = _our_path(tree, node)
+        passed = path.feasible and _passes(scene, actions, problem, path.q, path.m)
+        row["path"]["ours"] = {**result, "passed": passed, "passed refined": passed}
+        if path.feasible and not passed:
+            finer = tree.refine_path(node, path)
+            accepted = finer.feasible and _passes(scene, actions, problem, finer.q, finer.m)
+            row["path"]["ours"]["passed refined"] = accepted
+    if keyframes.feasible:
+        solved = solve_peer(peer, build_path(peer, actions, keyframes, STEPS_PER_PHASE), seed)
+        passed = solved.feasible and _passes(scene, actions, problem, *to_variables(problem, actions, solved))
+        row["path"]["robotic"] = {**_peer_row(problem, actions, solved), "passed": passed}
+    return row
+
+
+def solve_scene(options: PeersOptions, index: int) -> list[dict[str, Any]]:
+    """All problems of one scene."""
+    scene = list(sample_scenes(index + 1, 2, options.seed))[index]
+    generator = np.random.default_rng([options.seed, index])
+    tree = SequenceTree(scene, max(LENGTHS), options.seed)
+    peer = build_peer_scene(scene)
+    rows = []
+    for length in LENGTHS:
+        drawn = [draw_sequence(tree.grounding, scene, length, generator) for _ in range(options.drawn)]
+        found = [node.actions for node in find_sequences(tree, length, options.found, generator)]
+        sources = {**dict.fromkeys(found, "found"), **dict.fromkeys(filter(None, drawn), "drawn")}
+        for actions, source in sources.items():
+            words = [[action.operator, *action.arguments] for action in actions]
+            rows.append({"length": length, "source": source, "actions": words, **compare(peer, actions, options.seed)})
+    return rows
+
+
+def use_one_core() -> None:
+    """Keep this process, and the libraries that it will load, to one core."""
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ[name] = "1"
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+
+
+def describe_machine() -> dict[str, object]:
+    """Processor, cores and versions."""
+    processor = platform.processor() or platform.machine()
+    cpuinfo = Path("/proc/cpuinfo")
+    if cpuinfo.exists():
+        models = [line for line in cpuinfo.read_text(encoding="utf-8").splitlines() if line.startswith("model name")]
+        processor = models[0].partition(":")[2].strip() if models else processor
+    versions = {name: version(name) for name in ("robotic", "jax", "mujoco", "numpy")}
+    return {"machine": processor, "cores": os.cpu_count(), "python": platform.python_version(), "versions": versions}
+
+
+def _header(options: PeersOptions) -> dict[str, object]:
+    """What results must agree in to stand in one file."""
+    chosen = asdict(options)
+    for name in ("scenes", "out"):
+        del chosen[name]
+    return {**chosen, "steps": STEPS_PER_PHASE, "rounding": ROUNDING, "clearance": CLEARANCE}
+
+
+def _read(options: PeersOptions) -> dict[int, list[dict[str, Any]]]:
+    """Results so far, by scene; a last line that was cut short is dropped."""
+    if options.out is None or not options.out.exists():
+        return {}
+    lines = options.out.read_text(encoding="utf-8").splitlines(keepends=True)
+    whole = [line for line in lines if line.endswith("\n")]
+    if len(whole) < len(lines):
+        options.out.write_text("".join(whole), encoding="utf-8")
+    if not whole:
+        return {}
+    header = json.loads(whole[0])
+    if header["options"] != _header(options):
+        raise DvrError(f"{options.out} holds results of other options: {header['options']}; choose another --out.")
+    return {int(row["scene"]): row["problems"] for row in map(json.loads, whole[1:])}
+
+
+def _results(options: PeersOptions) -> Iterator[dict[str, Any]]:
+    done = _read(options)
+    file = options.out
+    if file is not None and not done:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(json.dumps({"options": _header(options), **describe_machine()}) + "\n", encoding="utf-8")
+    for index in range(options.scenes):
+        if index not in done:
+            begin = time.monotonic()
+            done[index] = solve_scene(options, index)
+            if file is not None:
+                with file.open("a", encoding="utf-8") as out:
+                    out.write(json.dumps({"scene": index, "problems": done[index]}) + "\n")
+            words = f"{len(done[index])} problems, {time.monotonic() - begin:.0f} s"
+            print(f"  scene {index}: {words}", file=sys.stderr, flush=True)
+        yield from done[index]
+
+
+def _side_by_side(rows: Sequence[dict[str, Any]], kind: str) -> str:
+    """Verdicts and median times of the problems of one kind and length."""
+    pairs = [(row[kind].get("ours"), row[kind].get("robotic")) for row in rows]
+    verdicts = [tuple(side is not None and bool(side["feasible"]) for side in pair) for pair in pairs]
+    counts = [verdicts.count(verdict) for verdict in ((True, True), (True, False), (False, True), (False, False))]
+    cells = [f"{len(rows):>5} {counts[0]:>5} {counts[1]:>5} {counts[2]:>8} {counts[3]:>8}"]
+    for wanted in ((True, True), (False, False)):
+        tried = [
+            (ours["seconds"], theirs["seconds"])
+            for (ours, theirs), verdict in zip(pairs, verdicts, strict=True)
+            if verdict == wanted and ours is not None and theirs is not None
+        ]
+        cells.append(_times(tried))
+    ours_found = [ours for ours, _ in pairs if ours is not None and ours["feasible"]]
+    found = [theirs for _, theirs in pairs if theirs is not None and theirs["feasible"]]
+
+    def within(name: str) -> int:
+        return sum(theirs["our measure"][name] <= 1 for theirs in found)
+
+    if kind == "keyframes":
+        cells.append(f"{within('ratio'):>4} of {len(found):>3}")
+    else:
+        cells.append(f"{within('ratio'):>4} {within('ratio at slices'):>4} of {len(found):>3}")
+        passed, refined = (sum(ours[name] for ours in ours_found) for name in ("passed", "passed refined"))
+        cells.append(f"{passed:>4} {refined:>4} of {len(ours_found):>3}")
+        cells.append(f"{sum(theirs['passed'] for theirs in found):>4} of {len(found):>3}")
+    return " | ".join(cells)
+
+
+def _times(pairs: Sequence[tuple[float, float]]) -> str:
+    """Medians of ours and of `robotic`'s [ms], and the latter as a multiple of ours."""
+    if not pairs:
+        return f"{'-':>7} {'-':>8} {'-':>6}"
+    ours, theirs = (1e3 * statistics.median(seconds) for seconds in zip(*pairs, strict=True))
+    return f"{ours:>7.0f} {theirs:>8.0f} {theirs / ours if ours else math.inf:>6.1f}"
+
+
+def print_tables(rows: Sequence[dict[str, Any]]) -> None:
+    """Verdicts and times by kind and length."""
+    print(LEGEND)
+    titles = {"keyframes": "by our measure", "path": "by our measure    | check: ours      | robotic's"}
+    for kind, title in titles.items():
+        print(f"\n{'':<10}{'':>5} {'feasible in':<29} | {'both feasible':<23} | {'both infeasible':<23} |")
+        verdicts = f"{'count':>5} {'both':>5} {'ours':>5} {'robotic':>8} {'neither':>8}"
+        times = f"{'ours':>7} {'robotic':>8} {'ratio':>6}"
+        print(f"{kind:<10}{verdicts} | {times} | {times} | {title}")
+        # Paths: of what at least one of the two has tried.
+        tried = [row for row in rows if row[kind]]
+        for name in (*LENGTHS, "drawn", "found", "all"):
+            chosen = [row for row in tried if name in (row["length"], row["source"], "all")]
+            if chosen:
+                print(f"{name:<10}" + _side_by_side(chosen, kind))
+
+
+def run(arguments: list[str]) -> int:
+    """Solve all problems with both, print the tables."""
+    options = tyro.cli(PeersOptions, prog="python -m dvr_jax.bench peers", args=arguments)
+    if options.scenes < 1:
+        raise DvrError(f"the number of scenes is {options.scenes}; valid is 1 or more.")
+    use_one_core()
+    load_robotic()
+    with jax.enable_x64(True):
+        rows = list(_results(options))
+    print_tables(rows)
+    return 0
