@@ -56,6 +56,7 @@ from dvr_jax.logic import Action, Grounding
 from dvr_jax.scene.sampling import sample_scenes
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.tree import Node, SequenceTree
+from dvr_jax.search.work import run_alone
 
 LENGTHS = range(2, 7)
 """Lengths of the sequences."""
@@ -120,7 +121,7 @@ def find_sequences(tree: SequenceTree, length: int, number: int, generator: np.r
             child for node in nodes for child in tree.expand(node) if tree.grounding.reaches_goal_in(child.state, left)
         ]
         chosen = [children[i] for i in generator.permutation(len(children))[:WIDTH]]
-        tree.judge_sequences(chosen)
+        run_alone(tree.judge_sequences(chosen))
         nodes = [node for node in chosen if node.feasible][: KEPT if left else number]
     return nodes
 
@@ -165,13 +166,13 @@ def _our_keyframes(scene: Scene, actions: Sequence[Action], seed: int) -> tuple[
     """Particles of every prefix, and NLPs where no particle is a witness: what a search does for one sequence."""
     for _ in range(2):  # the first time compiles
         tree = SequenceTree(scene, len(actions), seed)
-        node, cpu, wall = time_call(partial(judge_prefix, tree, actions))
+        node, cpu, wall = time_call(lambda: run_alone(judge_prefix(tree, actions)))
     return tree, node, {"feasible": bool(node.feasible), "seconds": cpu, "wall seconds": wall}
 
 
 def _our_path(tree: SequenceTree, node: Node) -> tuple[Solved, dict[str, Any]]:
-    tree.solve_path(node, 0)
-    path, cpu, wall = time_call(partial(tree.solve_path, node, 0))
+    run_alone(tree.solve_path(node, 0))
+    path, cpu, wall = time_call(lambda: run_alone(tree.solve_path(node, 0)))
     row = {"feasible": path.feasible, "seconds": cpu, "wall seconds": wall, "iterations": path.iterations}
     return path, {**row, "ratio": path.ratio}
 
@@ -202,7 +203,7 @@ def compare(peer: PeerScene, actions: Sequence[Action], seed: int) -> dict[str, 
         passed = path.feasible and _passes(scene, actions, problem, path.q, path.m)
         row["path"]["ours"] = {**result, "passed": passed, "passed refined": passed}
         if path.feasible and not passed:
-            finer = tree.refine_path(node, path)
+            finer = run_alone(tree.refine_path(node, path))
             accepted = finer.feasible and _passes(scene, actions, problem, finer.q, finer.m)
             row["path"]["ours"]["passed refined"] = accepted
     if keyframes.feasible:

@@ -1,0 +1,155 @@
+"""Command line `python -m dvr_jax.sweep --scenes FILE.jsonl --out DIR`: label action sequences of many scenes.
+
+DIR then holds one Parquet shard (`dvr_jax.dataset.shards`) for each `--shard` consecutive scenes, and `manifest.json`.
+A shard is written whole once all its scenes are done; a sweep that was killed goes on with the shards that are not
+there, and ends with the same rows. They depend neither on the number of workers nor on what shares a batch.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import multiprocessing
+import os
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import jax
+import tyro
+
+from dvr_jax.check.replay import check_motion
+from dvr_jax.dataset.labelling import LabelOptions, label_scene
+from dvr_jax.dataset.labels import Label
+from dvr_jax.dataset.manifest import write_manifest
+from dvr_jax.dataset.shards import list_shards, write_shard
+from dvr_jax.errors import DvrError, run_command
+from dvr_jax.komo.engine import Solved
+from dvr_jax.komo.interpolation import interpolate
+from dvr_jax.scene.scene import load_scenes
+from dvr_jax.scene.types import Scene
+from dvr_jax.search.tree import Node
+from dvr_jax.search.work import run_together
+
+
+_DEFAULT = LabelOptions()
+
+
+@dataclass(frozen=True)
+class SweepOptions:
+    """Label sequences of each scene, in order of length, until enough of them are feasible."""
+
+    scenes: Path
+    """JSON Lines file, one scene a line (`python -m dvr_jax.sample` draws them)."""
+    out: Path
+    """Folder of the shards; those that are there are kept."""
+    solutions: int = _DEFAULT.solutions
+    """Feasible sequences after which a scene is done."""
+    leaves: int = _DEFAULT.leaves
+    """Sequences that reach the goal and that the pose bound does not refute, after which a scene is done."""
+    k_max: int = _DEFAULT.k_max
+    """Largest number of actions."""
+    seed: int = _DEFAULT.seed
+    """Of the solver's samples."""
+    shard: int = 50
+    """Scenes in a shard."""
+    width: int = 32
+    """Scenes whose solves share a batch."""
+    workers: int = os.cpu_count() or 1
+    """Processes, one shard each at a time."""
+
+    def check(self) -> None:
+        """Refuse values that make no sense."""
+        for name in ("solutions", "leaves", "k_max", "shard", "width", "workers"):
+            if getattr(self, name) < 1:
+                raise DvrError(f"--{name.replace('_', '-')} is {getattr(self, name)}; valid is 1 or more.")
+        if self.seed < 0:
+            raise DvrError(f"--seed is {self.seed}; valid is 0 or more.")
+
+    @property
+    def labelling(self) -> LabelOptions:
+        """What labels depend on."""
+        return LabelOptions(self.solutions, self.leaves, self.k_max, self.seed)
+
+
+def passes_check(scene: Scene, node: Node, path: Solved) -> bool:
+    """Whether the independent check accepts a path."""
+    assert node.problem is not None
+    return check_motion(scene, node.actions, interpolate(scene, node.problem, path.q, path.m)).passed
+
+
+def label_scenes(
+    scenes: Sequence[Scene], first: int, options: LabelOptions, width: int
+) -> Iterator[tuple[int, list[Label]]]:
+    """Labels of scenes with the indices from ``first`` on, as they are done; ``width`` scenes share batches."""
+    with jax.enable_x64(True):
+        labelled = (label_scene(scene, first + i, options, passes_check) for i, scene in enumerate(scenes))
+        for index, labels in run_together(labelled, width):
+            yield first + index, labels
+
+
+def _write_shard(
+    path: Path, scenes: Sequence[Scene], first: int, options: SweepOptions, footer: dict[str, object]
+) -> int:
+    """Label the scenes of one shard and write it; returns their number."""
+    labels = [label for _, found in label_scenes(scenes, first, options.labelling, options.width) for label in found]
+    write_shard(path, {first + i: scene for i, scene in enumerate(scenes)}, labels, footer)
+    return len(scenes)
+
+
+def sweep(options: SweepOptions) -> None:
+    """Label all scenes of the file whose shards are not there yet."""
+    options.check()
+    scenes = load_scenes(options.scenes)
+    # The labels' options and the file's content: shards of another sweep in the same folder are refused.
+    content = hashlib.sha256(options.scenes.read_bytes()).hexdigest()[:16]
+    footer: dict[str, object] = {**asdict(options.labelling), "scenes": content}
+    options.out.mkdir(parents=True, exist_ok=True)
+    done = list_shards(options.out)
+    for info in done:
+        if info.footer.options != footer:
+            raise DvrError(f"{info.path} comes of another sweep ({info.footer.options}); choose another --out.")
+    covered = {index for info in done for index in info.scenes}
+    todo = [
+        (first, stop)
+        for first in range(0, len(scenes), options.shard)
+        for stop in [min(first + options.shard, len(scenes))]
+        if not covered.issuperset(range(first, stop))
+    ]
+    for first, stop in todo:
+        if covered.intersection(range(first, stop)):
+            raise DvrError(f"--shard is {options.shard}; scenes {first} to {stop - 1} are in shards of another size.")
+    begin, count, total = time.monotonic(), 0, sum(stop - first for first, stop in todo)
+    # Forked processes would share the parent's XLA threads, which do not survive a fork.
+    with ProcessPoolExecutor(options.workers, mp_context=multiprocessing.get_context("spawn")) as pool:
+        futures = [
+            pool.submit(
+                _write_shard, options.out / f"labels-{first:06d}.parquet", scenes[first:stop], first, options, footer
+            )
+            for first, stop in todo
+        ]
+        for future in as_completed(futures):
+            count += future.result()
+            seconds = time.monotonic() - begin
+            left = (total - count) * seconds / count
+            print(
+                f"{len(scenes) - total + count} of {len(scenes)} scenes, {3600 * count / seconds:.0f} an hour, "
+                f"{left / 60:.0f} min to go",
+                file=sys.stderr,
+                flush=True,
+            )
+    write_manifest(options.out, ["python", "-m", "dvr_jax.sweep", *sys.argv[1:]])
+
+
+def main() -> int:
+    """Read the options, sweep."""
+    options = tyro.cli(SweepOptions, prog="python -m dvr_jax.sweep")
+    sweep(options)
+    print(f"labels written to {options.out}/; `python -m dvr_jax.dataset {options.out}` counts them")
+    return 0
+
+
+if __name__ == "__main__":
+    run_command(main)
