@@ -33,7 +33,6 @@ from dvr_jax.scene.types import Scene
 from dvr_jax.search.tree import Node
 from dvr_jax.search.work import run_together
 
-
 _DEFAULT = LabelOptions()
 
 

@@ -166,7 +166,7 @@ def _our_keyframes(scene: Scene, actions: Sequence[Action], seed: int) -> tuple[
     """Particles of every prefix, and NLPs where no particle is a witness: what a search does for one sequence."""
     for _ in range(2):  # the first time compiles
         tree = SequenceTree(scene, len(actions), seed)
-        node, cpu, wall = time_call(lambda: run_alone(judge_prefix(tree, actions)))
+        node, cpu, wall = time_call(partial(run_alone, judge_prefix(tree, actions)))
     return tree, node, {"feasible": bool(node.feasible), "seconds": cpu, "wall seconds": wall}
 
 
