@@ -23,7 +23,8 @@ from dvr_jax.komo.engine import Solved
 from dvr_jax.komo.interpolation import interpolate
 from dvr_jax.logic import Action, describe
 from dvr_jax.scene.types import Scene
-from dvr_jax.search.searches import SEARCHES, SOLVED
+from dvr_jax.search.reasoning import Network
+from dvr_jax.search.run import SOLVED
 from dvr_jax.search.searches import search as run_search
 from dvr_jax.search.tree import Node, SequenceTree
 
@@ -71,20 +72,21 @@ def plan(
     seed: int = 0,
     time_limit: float = 60.0,
     progress: Callable[[str], None] = lambda line: None,
+    network: Network | None = None,
 ) -> Plan:
     """Search, optimise and check.
 
     Args:
         scene: a valid scene.
-        search: "mbts" (multi-bound tree search) or "bfs" (breadth-first).
+        search: "dvr" (guided by a network as in the paper), "classifier" (by a feasibility classifier), "mbts"
+        (multi-bound tree search) or "bfs" (breadth-first).
         k_max: largest number of actions, at least 1.
         seed: of all sampling; the same seed gives the same plan.
         time_limit: [s]; looked at between batches, so it is overrun by a few seconds at most once programs are
         compiled.
         progress: takes a line about what is going on.
+        network: of the search's kind (`dvr_jax.model.predictor.Predictor.load`), for "dvr" and "classifier".
     """
-    if search not in SEARCHES:
-        raise DvrError(f"there is no search '{search}'; valid: {', '.join(SEARCHES)}.")
     if k_max < 1:
         raise DvrError(f"k_max is {k_max}; valid is a whole number from 1.")
     if not time_limit > 0:
@@ -111,7 +113,7 @@ def plan(
                 progress(f"refused by the check: {report.findings[0]}")
             return report.passed
 
-        outcome = run_search(search, tree, accept, progress)
+        outcome = run_search(search, tree, accept, progress, network)
     motion, report = accepted[-1] if outcome.status == SOLVED else (None, None)
     total = time.monotonic() - begin
     seconds = {**outcome.seconds, "check": check_seconds}

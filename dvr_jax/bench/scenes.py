@@ -21,7 +21,7 @@ import tyro
 from dvr_jax.errors import DvrError
 from dvr_jax.planner import plan
 from dvr_jax.scene.sampling import SceneDistribution, ShapeChoice, sample_scenes
-from dvr_jax.search.searches import EXHAUSTED
+from dvr_jax.search.run import EXHAUSTED
 
 
 @dataclass(frozen=True)

@@ -227,14 +227,15 @@ class SequenceTree:
         chain = tuple(action for action in node.actions if _object_of(action) == name)
         return chain, frozenset(_object_of(action) for action in node.actions) - {name}
 
-    def _look_at_the_clock(self) -> None:
+    def look_at_the_clock(self) -> None:
+        """Raise OutOfTime past the deadline."""
         if time.monotonic() > self.deadline:
             raise OutOfTime
 
     def _sample(self, nodes: list[Node], bound: str, ignored: list[tuple[str, ...]]) -> Steps[list[Node]]:
         """Particles of nodes, each with some objects left out; those nodes that no particle proves feasible."""
         for first in range(0, len(nodes), BATCH):
-            self._look_at_the_clock()
+            self.look_at_the_clock()
             part, names = nodes[first : first + BATCH], ignored[first : first + BATCH]
             problems = [transcribe(self.scene, *args) for args in zip((n.actions for n in part), names, strict=True)]
             parents = [self._parent_particles(*args) for args in zip(part, names, strict=True)]
@@ -264,7 +265,7 @@ class SequenceTree:
     def _solve_from(self, nodes: list[Node], ranks: Sequence[int], bound: str) -> Steps[list[Node]]:
         """Keyframe NLPs of nodes of one depth from their particles of these ranks; those nodes that failed."""
         for first in range(0, len(nodes), BATCH):
-            self._look_at_the_clock()
+            self.look_at_the_clock()
             lanes = [(node, rank) for node in nodes[first : first + BATCH] for rank in ranks]
             starts = [keyframe_start(node.particles, rank, node.depth) for node, rank in lanes]  # type: ignore[arg-type]
             solutions = yield Solve([node.problem for node, _ in lanes], starts, self.settings)  # type: ignore[misc]
@@ -293,7 +294,7 @@ class SequenceTree:
     def solve_path(self, node: Node, attempt: int) -> Steps[Solved]:
         """Path of a node that passed the sequence bound, from its ``attempt``-th keyframes."""
         assert node.problem is not None and node.particles is not None and node.feasible
-        self._look_at_the_clock()
+        self.look_at_the_clock()
         # Spread over the particles: neighbours in rank often are siblings.
         good = int((node.particles.violation <= GOOD).sum())
         keyframes = keyframe_start(node.particles, attempt * (good // self.path_attempts(node)), node.depth)
@@ -305,7 +306,7 @@ class SequenceTree:
     def refine_path(self, node: Node, path: Solved) -> Steps[Solved]:
         """The same path solved again with twice the slices, from a solution that is wrong between its slices."""
         assert node.problem is not None
-        self._look_at_the_clock()
+        self.look_at_the_clock()
         self.counts.nlps["refined path"] += 1
         start = refined_start(node.problem, path)
         solved = yield Solve([path_problem(node.problem, start)], [start], self.settings)

@@ -1,0 +1,166 @@
+"""Search that a network guides: Algorithm 1 of the paper ("LGP with Deep Visual Reasoning"), and its variant for the
+recurrent feasibility classifier.
+
+The network says of each action how promising it is after the prefix before it. The node with the highest prediction
+is expanded first; of the sequences found that reach the goal, those are solved whose prediction exceeds a threshold,
+which falls as the search goes on. Whatever the network says, every sequence of at most K_max actions is reached in the
+end unless a bound has refuted a prefix of it, so nothing that breadth-first search finds is lost."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import count
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvr_jax.logic import Grounding
+from dvr_jax.scene.types import Scene
+from dvr_jax.search.run import EXHAUSTED, Outcome, Run
+from dvr_jax.search.tree import Node
+from dvr_jax.search.work import Steps
+
+THRESHOLD = 0.5
+"""Prediction above which a sequence is solved, at first (sec. IV-F of the paper)."""
+
+DISCOUNT = 0.9
+"""Factor of the threshold each time the best sequence known lies below it."""
+
+
+class Code(Protocol):
+    """A scene as a network has encoded it."""
+
+    def initial_hidden(self, number: int = 1) -> NDArray[np.float32]:
+        """State before the first action (number, H)."""
+        ...
+
+
+class Network(Protocol):
+    """What the search needs of a network (`dvr_jax.model.predictor.Predictor`)."""
+
+    def begin(self, scene: Scene, grounding: Grounding | None = None) -> Any:
+        """Encode a scene, once for a whole search; a `Code`."""
+        ...
+
+    def step(
+        self, code: Any, hidden: NDArray[np.float32], actions: Sequence[int]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Probabilities (B,) of actions (B,) after prefixes with states (B, H), and the states after them."""
+        ...
+
+
+@dataclass(slots=True, eq=False)
+class _Candidate:
+    """A node with what the network makes of it."""
+
+    node: Node
+    probability: float
+    hidden: NDArray[np.float32]
+
+
+class _ByProbability:
+    """Nodes to be expanded, the most promising first."""
+
+    def __init__(self) -> None:
+        self._heap: list[tuple[float, int, _Candidate]] = []
+        self._count = count()
+
+    def __len__(self) -> int:
+        return len(self._heap)
+
+    def push(self, candidate: _Candidate) -> None:
+        heapq.heappush(self._heap, (-candidate.probability, next(self._count), candidate))
+
+    def best(self) -> _Candidate:
+        return self._heap[0][2]
+
+    def pop(self, threshold: float) -> _Candidate:
+        return heapq.heappop(self._heap)[2]
+
+
+class _ByDepth(_ByProbability):
+    """Nodes to be expanded, the shortest first; those that are predicted infeasible wait until the threshold falls."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._ready: list[tuple[int, float, int, _Candidate]] = []
+
+    def __len__(self) -> int:
+        return len(self._heap) + len(self._ready)
+
+    def pop(self, threshold: float) -> _Candidate:
+        while self._heap and (self.best().probability > threshold or not self._ready):
+            candidate = heapq.heappop(self._heap)[2]
+            entry = candidate.node.depth, -candidate.probability, next(self._count), candidate
+            heapq.heappush(self._ready, entry)
+        return heapq.heappop(self._ready)[3]
+
+
+def visual_reasoning(run: Run, network: Network) -> Steps[Outcome]:
+    """Algorithm 1: the network predicts whether an action leads to the goal."""
+    return (yield from _guided(run, network, _ByProbability()))
+
+
+def feasibility_classifier(run: Run, network: Network) -> Steps[Outcome]:
+    """The network predicts whether a prefix is feasible, whatever the goal: breadth-first among the feasible ones."""
+    return (yield from _guided(run, network, _ByDepth()))
+
+
+def _guided(run: Run, network: Network, expand: _ByProbability) -> Steps[Outcome]:
+    tree = run.tree
+    with run.timed("network"):
+        code = network.begin(tree.scene, tree.grounding)
+    expand.push(_Candidate(tree.root, 1.0, code.initial_hidden(1)[0]))
+    leaves, threshold = _ByProbability(), THRESHOLD
+    while expand or leaves:
+        tree.look_at_the_clock()
+        if expand:
+            candidate = expand.pop(threshold)
+            if not _is_refuted(candidate.node):
+                with run.timed("network"):
+                    children = _query(run, network, code, candidate)
+                for child in children:
+                    (leaves if child.node.reaches_goal else expand).push(child)
+        while leaves:
+            best = leaves.best()
+            # With nothing left to expand all sequences are known, and the threshold has done its work.
+            if expand and best.probability <= threshold:
+                threshold *= DISCOUNT
+                break
+            leaves.pop(threshold)
+            outcome = yield from _try(run, best.node)
+            if outcome is not None:
+                return outcome
+    return Outcome(EXHAUSTED, None, None, run.seconds)
+
+
+def _query(run: Run, network: Network, code: Any, parent: _Candidate) -> list[_Candidate]:
+    """Children of a node that pass the symbolic bound, with their predictions."""
+    children = run.tree.expand(parent.node)
+    if not children:
+        return []
+    actions = [run.tree.grounding.index(child.actions[-1]) for child in children]
+    hidden = np.repeat(parent.hidden[None], len(children), axis=0)
+    probabilities, after = network.step(code, hidden, actions)
+    return [_Candidate(*values) for values in zip(children, probabilities.tolist(), after, strict=True)]
+
+
+def _try(run: Run, leaf: Node) -> Steps[Outcome | None]:
+    """Sequence and path bound of a leaf."""
+    if _is_refuted(leaf):
+        return None
+    passed = yield from run.judge_lines([leaf])
+    return (yield from run.try_leaves(passed))
+
+
+def _is_refuted(node: Node) -> bool:
+    """Whether a bound has refuted a node or a prefix of it."""
+    prefix: Node | None = node
+    while prefix is not None:
+        if prefix.feasible is False:
+            return True
+        prefix = prefix.parent
+    return False

@@ -1,0 +1,107 @@
+"""One search: its clock, its way to take bounds and to try paths, and how it ended."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+from dvr_jax.komo.engine import Solved
+from dvr_jax.search.tree import Node, SequenceTree
+from dvr_jax.search.work import Steps
+
+Accept = Callable[[Node, Solved], bool]
+"""Takes a feasible path and says whether the independent check accepts it."""
+
+Progress = Callable[[str], None]
+"""Takes a line that says what is going on."""
+
+SOLVED, EXHAUSTED, TIME_LIMIT = "solved", "tree exhausted", "time limit"
+
+REFINEMENTS = 1
+"""How often the slices of a path are doubled when the check finds something between them."""
+
+
+@dataclass(slots=True)
+class Outcome:
+    """How a search ended."""
+
+    status: str
+    """`SOLVED`, `EXHAUSTED` or `TIME_LIMIT`."""
+    node: Node | None
+    path: Solved | None
+    seconds: dict[str, float] = field(default_factory=dict)
+    """Time spent on each bound [s]."""
+
+
+class Run:
+    """Clock and bookkeeping of one search."""
+
+    def __init__(self, tree: SequenceTree, accept: Accept, progress: Progress) -> None:
+        self.tree, self.accept, self.progress = tree, accept, progress
+        self.seconds = {"network": 0.0, "pose": 0.0, "sequence": 0.0, "path": 0.0}
+
+    @contextmanager
+    def timed(self, bound: str) -> Iterator[None]:
+        """Add the time spent inside to that of a bound."""
+        begin = time.monotonic()
+        try:
+            yield
+        finally:
+            self.seconds[bound] += time.monotonic() - begin
+
+    def judge_sequences(self, nodes: list[Node]) -> Steps[list[Node]]:
+        """Those that pass."""
+        with self.timed("sequence"):
+            yield from self.tree.judge_sequences(nodes)
+        return [node for node in nodes if node.feasible]
+
+    def judge_poses(self, nodes: list[Node]) -> Steps[list[Node]]:
+        """Those that pass."""
+        with self.timed("pose"):
+            verdicts = yield from self.tree.judge_poses(nodes)
+        return [node for node, verdict in zip(nodes, verdicts, strict=True) if verdict]
+
+    def judge_lines(self, leaves: list[Node]) -> Steps[list[Node]]:
+        """Sequence bound of leaves, along their prefixes: those that pass."""
+        for depth in range(1, max((leaf.depth for leaf in leaves), default=0) + 1):
+            prefixes = dict.fromkeys(leaf.ancestor(depth) for leaf in leaves)
+            for node in prefixes:
+                assert node.parent is not None
+                if node.feasible is None and node.parent.feasible is False:
+                    node.feasible = False
+            yield from self.judge_sequences([node for node in prefixes if node.feasible is None])
+        return [leaf for leaf in leaves if leaf.feasible]
+
+    def try_leaves(self, leaves: list[Node]) -> Steps[Outcome | None]:
+        """Paths of feasible leaves, best keyframes first."""
+        for node in sorted(leaves, key=lambda leaf: float(leaf.particles.violation.min())):  # type: ignore[union-attr]
+            self.tree.counts.verdicts["path"] += 1
+            outcome = yield from self.try_path(node)
+            if outcome is not None:
+                return outcome
+        return None
+
+    def try_path(self, node: Node) -> Steps[Outcome | None]:
+        """Path from each of the leaf's keyframes in turn, until one is accepted."""
+        node.solved, node.refuted_by, node.violation = False, "path", math.nan
+        for attempt in range(self.tree.path_attempts(node)):
+            with self.timed("path"):
+                solved = yield from self.tree.solve_path(node, attempt)
+            words = "feasible" if solved.feasible else f"violation {solved.ratio:.1f} times the tolerance"
+            self.progress(f"path of {' '.join(str(action) for action in node.actions)}: {words}")
+            for refinement in range(REFINEMENTS + 1):
+                if not solved.feasible:
+                    node.violation = min(solved.ratio, node.violation)  # NaN is no smaller than anything
+                    break
+                node.refuted_by = "check"
+                if self.accept(node, solved):
+                    node.solved, node.refuted_by, node.violation = True, "", solved.ratio
+                    self.tree.counts.feasible["path"] += 1
+                    return Outcome(SOLVED, node, solved, self.seconds)
+                if refinement < REFINEMENTS:
+                    with self.timed("path"):
+                        solved = yield from self.tree.refine_path(node, solved)
+        return None
