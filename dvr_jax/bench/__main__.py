@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 
-from dvr_jax.bench import peers, recall, scenes, speed, table_one
+from dvr_jax.bench import labels, peers, recall, scenes, speed, table_one
 from dvr_jax.errors import DvrError, run_command
 
 BENCHMARKS: dict[str, Callable[[list[str]], int]] = {
@@ -13,6 +13,7 @@ BENCHMARKS: dict[str, Callable[[list[str]], int]] = {
     "scenes": scenes.run,
     "oracle": recall.run_oracle,
     "recall": recall.run,
+    "labels": labels.run,
     "speed": speed.run,
     "peers": peers.run,
 }

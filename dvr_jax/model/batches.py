@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import Grounding, ground_actions
 from dvr_jax.model.checkpoint import Kind
-from dvr_jax.model.encoding import ActionCodes, encode_actions, goal_tuple
+from dvr_jax.model.encoding import TURNED, ActionCodes, encode_actions, goal_tuple
 from dvr_jax.model.images import ImageStack
 from dvr_jax.scene.types import Scene
 
@@ -62,6 +62,8 @@ class Batch(NamedTuple):
     """Scene of each image (M,)."""
     image_pair: NDArray[np.int32]
     """Its two masks (M, 2)."""
+    image_turned: NDArray[np.bool_]
+    """Whether it is turned by 180 degrees (M,)."""
     goal_image: NDArray[np.int32]
     """Image of the goal's tuple (B,)."""
     symbol: NDArray[np.int32]
@@ -71,7 +73,8 @@ class Batch(NamedTuple):
     target: NDArray[np.float32]
     """0 or 1 (B, K)."""
     mask: NDArray[np.float32]
-    """1 where a step counts (B, K): before a sequence's end, or (classifier) at its last action."""
+    """1 where a step counts (B, K): before a sequence's end, or (classifier) at its last action and, where it is
+    feasible, at all of them."""
 
 
 @dataclass(frozen=True)
@@ -96,14 +99,14 @@ class SceneTable:
 def scene_table(scenes: Sequence[Scene], images: ImageStack) -> SceneTable:
     """The table of scenes with their images."""
     # Grounding costs more than all the rest of a scene; names and goal repeat among sampled scenes.
-    known: dict[tuple[tuple[str, ...], str], tuple[Grounding, ActionCodes]] = {}
-    rows = []
+    known: dict[tuple[tuple[str, ...], str], Grounding] = {}
+    rows: list[tuple[Grounding, ActionCodes]] = []
     for scene in scenes:
         names = tuple(item.name for item in scene.objects)
         if (names, scene.goal.object) not in known:
-            grounding = ground_actions(names, scene.goal.object)
-            known[names, scene.goal.object] = grounding, encode_actions(grounding, names)
-        rows.append(known[names, scene.goal.object])
+            known[names, scene.goal.object] = ground_actions(names, scene.goal.object)
+        grounding = known[names, scene.goal.object]
+        rows.append((grounding, encode_actions(grounding, scene.objects)))
     most = max(len(codes.pairs) for _, codes in rows)
     actions = max(len(codes.symbol) for _, codes in rows)
     symbol, tuple_index = np.zeros((2, len(scenes), actions), np.int32)
@@ -171,8 +174,21 @@ def draw_rows(
     return np.concatenate([*chosen, rows[generator.integers(len(rows), size=rest)]])
 
 
-def assemble_batch(examples: ExamplesLike, table: SceneTable, rows: NDArray[np.integer], kind: Kind) -> Batch:
-    """The batch of these sequences."""
+def draw_turned(batch: int, seed: int, step: int) -> NDArray[np.bool_]:
+    """Which sequences of one batch are shown turned by 180 degrees (B,): the two arms stand opposite each other, so
+    what is feasible stays so when they change places."""
+    return np.random.default_rng([seed, step, 1]).random(batch) < 0.5
+
+
+def assemble_batch(
+    examples: ExamplesLike,
+    table: SceneTable,
+    rows: NDArray[np.integer],
+    kind: Kind,
+    turned: NDArray[np.bool_] | None = None,
+) -> Batch:
+    """The batch of these sequences, some of them turned (B,) by 180 degrees."""
+    turned = np.zeros(len(rows), np.bool_) if turned is None else turned
     scene, actions = np.asarray(examples.scene)[rows], np.asarray(examples.actions)[rows]
     length, steps = np.asarray(examples.length)[rows][:, None], np.arange(actions.shape[1])
     inside = steps < length
@@ -181,20 +197,25 @@ def assemble_batch(examples: ExamplesLike, table: SceneTable, rows: NDArray[np.i
     tuples = np.where(inside, table.tuple_index[scene[:, None], actions], table.goal_tuple[scene][:, None])
     tuples = np.concatenate([tuples, table.goal_tuple[scene][:, None]], axis=1)
     count = table.pairs.shape[1]
-    distinct, place = np.unique(scene[:, None] * count + tuples, return_inverse=True)
+    shown = (2 * scene[:, None].astype(np.int64) + turned[:, None]) * count + tuples
+    distinct, place = np.unique(shown, return_inverse=True)
     place = place.reshape(tuples.shape)
     distinct = np.concatenate([distinct, np.repeat(distinct[:1], -len(distinct) % IMAGE_BUCKET)])
     image_scene, image_tuple = np.divmod(distinct, count)
+    image_scene, image_turned = np.divmod(image_scene, 2)
+    symbol = table.symbol[scene[:, None], actions]
     if kind == "classifier":
-        mask = steps == length - 1
+        # All prefixes of a feasible sequence are feasible; of an infeasible one only the whole is known to be not.
         target = np.broadcast_to(np.asarray(examples.feasible)[rows][:, None], actions.shape)
+        mask = (steps == length - 1) | (target & inside)
     else:
         mask, target = inside, np.asarray(examples.targets)[rows]
     return Batch(
         image_scene.astype(np.int32),
         table.pairs[image_scene, image_tuple],
+        image_turned > 0,
         place[:, -1].astype(np.int32),
-        table.symbol[scene[:, None], actions],
+        np.where(turned[:, None], TURNED[symbol], symbol),
         place[:, :-1].astype(np.int32),
         np.where(mask, target, 0).astype(np.float32),
         mask.astype(np.float32),
@@ -211,7 +232,8 @@ def share_of_ones(
     """Expected share of ones among a batch's targets, if a share `least_feasible` of it is drawn of the feasible."""
     length = np.asarray(examples.length)
     if kind == "classifier":
-        ones, steps = np.asarray(examples.feasible).astype(float), np.ones(len(length))
+        ones = np.where(examples.feasible, length, 0).astype(float)
+        steps = np.where(examples.feasible, length, 1).astype(float)
     else:
         ones, steps = np.asarray(examples.targets).sum(axis=1, dtype=float), length.astype(float)
     parts = [(1 - least_feasible, rows), (least_feasible, feasible)] if len(feasible) else [(1.0, rows)]

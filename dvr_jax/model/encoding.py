@@ -4,9 +4,14 @@ The paper splits an action into its operator symbol, whose number does not depen
 objects it operates on. A grasp's symbol holds arm and face, its tuple is (object,); a place's symbol holds arm and
 support, its tuple is (object, goal region) or, on the table, (object,): the table covers all that no mask shows, and
 the symbol already tells it apart. So a scene of N objects has 12 symbols and 2 N distinct tuples.
+
+Faces are named by where they look in the image at first: east (+x of the world), north, west or south. By its own
+name, +x say, a face cannot be recognised: a box turned by 180 degrees looks the same, and so does one turned by 90
+degrees with its sides exchanged.
 """
 
 import hashlib
+import math
 import re
 from collections.abc import Sequence
 from importlib.resources import files
@@ -19,18 +24,26 @@ from numpy.typing import NDArray
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import ARMS, FACES, Grounding
 from dvr_jax.logic.errors import listed
-from dvr_jax.scene.types import Scene
+from dvr_jax.scene.types import Scene, SceneObject
 
 Symbol = tuple[str, ...]
-"""Operator and the arguments that are no objects, as in `("grasp", "left", "+x")`."""
+"""Operator and the arguments that are no objects, as in `("grasp", "left", "east")`."""
+
+DIRECTIONS = ("east", "north", "west", "south")
+"""Where a face may look: +x, +y, -x, -y of the world, within 45 degrees."""
 
 SUPPORTS = ("table", "goal")
 
 OBJECT_ARGUMENT = {"grasp": 2, "place": 1}
 """Operator name to the place of the object among its arguments."""
 
-SYMBOLS: tuple[Symbol, ...] = (*product(("grasp",), ARMS, FACES), *product(("place",), ARMS, SUPPORTS))
+SYMBOLS: tuple[Symbol, ...] = (*product(("grasp",), ARMS, DIRECTIONS), *product(("place",), ARMS, SUPPORTS))
 """All symbols; the place of one in this list is its code."""
+
+_OPPOSITE = dict(zip((*ARMS, *DIRECTIONS), (*reversed(ARMS), *DIRECTIONS[2:], *DIRECTIONS[:2]), strict=True))
+
+TURNED = np.array([SYMBOLS.index(tuple(_OPPOSITE.get(word, word) for word in symbol)) for symbol in SYMBOLS], np.int32)
+"""Code of each symbol when the scene is turned by 180 degrees about the table's middle: arms change places."""
 
 _CODE = {symbol: code for code, symbol in enumerate(SYMBOLS)}
 _PLACE_ON_GOAL = frozenset(symbol for symbol in SYMBOLS if symbol[0] == "place" and symbol[2] == "goal")
@@ -60,26 +73,32 @@ def goal_tuple(scene: Scene) -> int:
     return len(scene.objects) + scene.goal_index
 
 
-def encode_actions(grounding: Grounding, objects: Sequence[str]) -> ActionCodes:
-    """Codes of `grounding.actions` over the objects of these names, in the scene's order."""
+def encode_actions(grounding: Grounding, objects: Sequence[SceneObject]) -> ActionCodes:
+    """Codes of `grounding.actions` over these objects, in the scene's order."""
     symbols, tuples = [], []
-    index = {name: i for i, name in enumerate(objects)}
+    index = {item.name: i for i, item in enumerate(objects)}
     for action in grounding.actions:
         place = OBJECT_ARGUMENT.get(action.operator)
         if place is None:
             raise DvrError(f"{action}: the network knows no operator '{action.operator}'; it knows: {_operators()}.")
         name = action.arguments[place]
-        symbol = (action.operator, *action.arguments[:place], *action.arguments[place + 1 :])
+        if name not in index:
+            raise DvrError(f"{action}: '{name}' is no object of the scene; objects: {listed(index)}.")
+        words = (*action.arguments[:place], *action.arguments[place + 1 :])
+        if action.operator == "grasp" and words[1] in FACES:
+            words = words[0], direction(words[1], objects[index[name]])
+        symbol = (action.operator, *words)
         if symbol not in _CODE:
             same = [" ".join(known[1:]) for known in SYMBOLS if known[0] == action.operator]
-            raise DvrError(
-                f"{action}: the network knows no {action.operator} '{' '.join(symbol[1:])}'; it knows: {listed(same)}."
-            )
-        if name not in index:
-            raise DvrError(f"{action}: '{name}' is no object of the scene; objects: {listed(objects)}.")
+            raise DvrError(f"{action}: the network knows no {action.operator} {words}; it knows: {listed(same)}.")
         symbols.append(_CODE[symbol])
         tuples.append(index[name] + (len(objects) if symbol in _PLACE_ON_GOAL else 0))
     return ActionCodes(np.array(symbols, np.int32), np.array(tuples, np.int32), object_pairs(len(objects)))
+
+
+def direction(face: str, item: SceneObject) -> str:
+    """Where a face of an object looks in the scene's initial state."""
+    return DIRECTIONS[(FACES.index(face) + round(item.yaw / (math.pi / 2))) % 4]
 
 
 def domain_signature(domain: str | None = None) -> str:

@@ -74,8 +74,11 @@ def stack_images(images: Sequence[SceneImages], most_objects: int) -> ImageStack
     return ImageStack(np.stack([item.depth for item in images]), masks)
 
 
-def assemble_images(depth: jax.Array, masks: jax.Array, scene: jax.Array, pairs: jax.Array) -> jax.Array:
+def assemble_images(
+    depth: jax.Array, masks: jax.Array, scene: jax.Array, pairs: jax.Array, turned: jax.Array
+) -> jax.Array:
     """Action-object images (B, H, W, 3): image b shows the pair of masks `pairs[b]` (B, 2) of scene `scene[b]` (B,),
-    from depth (S, H, W) and masks (S, M, H, W). Runs on the device."""
+    from depth (S, H, W) and masks (S, M, H, W), turned by 180 degrees where `turned` (B,). Runs on the device."""
     chosen = MASK_VALUE * masks[scene[:, None], pairs].astype(jnp.float32)
-    return jnp.moveaxis(jnp.concatenate([depth[scene][:, None], chosen], axis=1), 1, -1)
+    images = jnp.moveaxis(jnp.concatenate([depth[scene][:, None], chosen], axis=1), 1, -1)
+    return jnp.where(turned[:, None, None, None], images[:, ::-1, ::-1], images)

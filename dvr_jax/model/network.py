@@ -154,11 +154,11 @@ def initial_weights(config: NetworkConfig, seed: int) -> Weights:
 
 
 def encode_images(
-    weights: Weights, depth: jax.Array, masks: jax.Array, scene: jax.Array, pairs: jax.Array
+    weights: Weights, depth: jax.Array, masks: jax.Array, scene: jax.Array, pairs: jax.Array, turned: jax.Array
 ) -> jax.Array:
     """Codes (B, dense) of images given as in `images.assemble_images`."""
     network, variables = weights.network()
-    images = assemble_images(depth, masks, scene, pairs)
+    images = assemble_images(depth, masks, scene, pairs, turned)
     return _only(network.apply(variables, images, method=Network.encode_images))
 
 

@@ -87,7 +87,7 @@ class Predictor:
         names = [item.name for item in scene.objects]
         if grounding is None:
             grounding = ground_actions(names, scene.goal.object)
-        actions = encode_actions(grounding, names)
+        actions = encode_actions(grounding, scene.objects)
         number = next(size for size in OBJECT_NUMBERS if size >= len(names))
         images = stack_images([scene_images(scene, self.weights.config.image_size)], number)
         pairs = np.full((2 * number, 2), len(names) + 1, np.int32)  # padding: two masks of zeros
@@ -144,7 +144,8 @@ def _encode_scene(
 ) -> _Codes:
     """Codes of one scene: depth (1, H, W), masks (1, M, H, W), pairs (P, 2), goal's tuple (), symbol and tuple of each
     action (A,)."""
-    images = encode_images(weights, depth, masks, jnp.zeros(len(pairs), jnp.int32), pairs)
+    first = jnp.zeros(len(pairs), jnp.int32)
+    images = encode_images(weights, depth, masks, first, pairs, first > 0)
     return _Codes(encode_symbols(weights, symbols), images[tuples], images[goal])
 
 

@@ -25,6 +25,7 @@ from dvr_jax.model.batches import (
     assemble_batch,
     check_examples,
     draw_rows,
+    draw_turned,
     held_out_scenes,
     scene_table,
     share_of_ones,
@@ -64,6 +65,8 @@ class TrainOptions:
     """Sequences in a batch."""
     least_feasible: int = 16
     """Of these, drawn from the feasible ones."""
+    turn: bool = True
+    """Show half of the sequences turned by 180 degrees, the arms exchanged."""
     positive_weight: float | None = None
     """Weight of a target of 1 in the loss; by default zeros and ones weigh the same in the mean."""
     seed: int = 0
@@ -162,7 +165,8 @@ def train(options: TrainOptions, data: TrainingData, network: NetworkConfig, say
         losses, clock = [], time.monotonic()
         for step in range(state.step + 1, options.steps + 1):
             rows = draw_rows(data.rows, data.feasible, options.batch, options.least_feasible, options.seed, step)
-            batch = assemble_batch(data.examples, data.table, rows, options.kind)
+            turned = draw_turned(options.batch, options.seed, step) if options.turn else None
+            batch = assemble_batch(data.examples, data.table, rows, options.kind, turned)
             weights, optimizer, loss = train_step(
                 weights, optimizer, data.table.depth, data.table.masks, batch, rate, positive
             )
@@ -192,7 +196,7 @@ def train(options: TrainOptions, data: TrainingData, network: NetworkConfig, say
 
 def _course(options: TrainOptions, data: TrainingData) -> dict[str, Any]:
     """Everything on which the course of a run depends besides network, kind and domain; not when it ends."""
-    names = ("learning_rate", "batch", "least_feasible", "seed")
+    names = ("learning_rate", "batch", "least_feasible", "turn", "seed")
     split = "separate" if options.validation else options.held_out
     return {
         **{name: getattr(options, name) for name in names},

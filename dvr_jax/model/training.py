@@ -29,7 +29,8 @@ ADAM = optax.scale_by_adam()
 
 def batch_logits(weights: Weights, depth: jax.Array, masks: jax.Array, batch: Batch) -> jax.Array:
     """Logits (B, K) of a batch, its images taken from depth (S, H, W) and masks (S, M, H, W)."""
-    codes = encode_images(weights, depth, masks, jnp.asarray(batch.image_scene), jnp.asarray(batch.image_pair))
+    shown = (jnp.asarray(value) for value in (batch.image_scene, batch.image_pair, batch.image_turned))
+    codes = encode_images(weights, depth, masks, *shown)
     symbols = encode_symbols(weights, jnp.asarray(batch.symbol))
     return run_sequence(weights, symbols, codes[jnp.asarray(batch.image)], codes[jnp.asarray(batch.goal_image)])
 

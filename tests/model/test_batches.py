@@ -7,16 +7,18 @@ import pytest
 from labelled import Examples, sided_examples
 
 from dvr_jax.errors import DvrError
+from dvr_jax.logic import FACES
 from dvr_jax.model.batches import (
     IMAGE_BUCKET,
     assemble_batch,
     check_examples,
     draw_rows,
+    draw_turned,
     held_out_scenes,
     scene_table,
     share_of_ones,
 )
-from dvr_jax.model.encoding import SYMBOLS
+from dvr_jax.model.encoding import SYMBOLS, TURNED, direction
 from dvr_jax.model.images import scene_images, stack_images
 
 ONE, TWO = sided_examples(2, 1, objects=1, longest=3), sided_examples(3, 2, objects=2, longest=3)
@@ -37,7 +39,9 @@ def test_every_step_finds_symbol_and_masks_of_its_action() -> None:
         for k in range(MIXED.length[row]):
             action = TABLE.groundings[MIXED.scene[row]].actions[MIXED.actions[row, k]]
             name = action.arguments[2 if action.operator == "grasp" else 1]
-            symbol = tuple(word for word in (action.operator, *action.arguments) if word != name)
+            item = scene.objects[scene.object_index(name)]
+            words = (direction(word, item) if word in FACES else word for word in action.arguments if word != name)
+            symbol = (action.operator, *words)
             second = number if symbol[-1] == "goal" else number + 1
             assert SYMBOLS[batch.symbol[b, k]] == symbol
             assert batch.image_scene[batch.image[b, k]] == MIXED.scene[row]
@@ -58,10 +62,24 @@ def test_each_image_is_encoded_once_for_all_steps_and_sequences() -> None:
     assert len(shown) == IMAGE_BUCKET
 
 
-def test_classifier_learns_the_verdict_at_the_last_step() -> None:
+def test_turned_sequences_find_turned_images_and_symbols() -> None:
+    rows, turned = np.arange(40), np.arange(40) % 3 == 0
+    plain, batch = assemble_batch(MIXED, TABLE, rows, "dvr"), assemble_batch(MIXED, TABLE, rows, "dvr", turned)
+    np.testing.assert_array_equal(batch.symbol[turned], TURNED[plain.symbol[turned]])
+    np.testing.assert_array_equal(batch.symbol[~turned], plain.symbol[~turned])
+    np.testing.assert_array_equal(batch.image_turned[batch.image], np.repeat(turned[:, None], 3, axis=1))
+    np.testing.assert_array_equal(batch.image_turned[batch.goal_image], turned)
+    np.testing.assert_array_equal(batch.image_scene[batch.image], plain.image_scene[plain.image])
+    np.testing.assert_array_equal(batch.image_pair[batch.image], plain.image_pair[plain.image])
+    np.testing.assert_array_equal(draw_turned(48, 0, 7), draw_turned(48, 0, 7))
+
+
+def test_classifier_learns_the_verdict_at_the_last_step_and_that_prefixes_of_feasible_ones_are() -> None:
     rows = np.arange(0, len(MIXED.scene), 7)
     batch = assemble_batch(MIXED, TABLE, rows, "classifier")
-    np.testing.assert_array_equal(batch.mask, np.arange(3) == MIXED.length[rows, None] - 1)
+    last = np.arange(3) == MIXED.length[rows, None] - 1
+    before = (np.arange(3) < MIXED.length[rows, None]) & MIXED.feasible[rows, None]
+    np.testing.assert_array_equal(batch.mask, last | before)
     np.testing.assert_array_equal(batch.target.max(axis=1) > 0, MIXED.feasible[rows])
 
 

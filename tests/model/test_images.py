@@ -1,11 +1,17 @@
 """Images against the camera they come from, and their assembly against plain indexing."""
 
+import math
+from dataclasses import replace
+
 import jax.numpy as jnp
 import numpy as np
 
+from dvr_jax.logic import Action, ground_actions
+from dvr_jax.model.encoding import TURNED, encode_actions
 from dvr_jax.model.images import MASK_VALUE, assemble_images, normalize_depth, scene_images, stack_images
 from dvr_jax.scene.camera import render_depth
 from dvr_jax.scene.sampling import sample_scenes
+from dvr_jax.scene.validation import make_scene
 
 
 def test_layers_are_objects_goal_and_zeros() -> None:
@@ -28,10 +34,36 @@ def test_assembly_puts_the_pair_behind_the_depth() -> None:
     scenes = [next(sample_scenes(1, number, 3)) for number in (1, 3)]
     stack = stack_images([scene_images(scene, 16) for scene in scenes], 3)
     owner, pairs = np.array([1, 0, 1]), np.array([[2, 3], [0, 2], [1, 4]])
-    images = assemble_images(*(jnp.asarray(item) for item in (*stack, owner, pairs)))
+    images = assemble_images(*(jnp.asarray(item) for item in (*stack, owner, pairs, np.array([False, False, True]))))
     assert images.shape == (3, 16, 16, 3) and images.dtype == jnp.float32
     for image, scene, (first, second) in zip(np.asarray(images), owner, pairs, strict=True):
         alone = scene_images(scenes[scene], 16)
+        if (first, second) == (1, 4):
+            image = image[::-1, ::-1]
         np.testing.assert_array_equal(image[..., 0], alone.depth)
         np.testing.assert_array_equal(image[..., 1], MASK_VALUE * alone.masks[first])
         np.testing.assert_array_equal(image[..., 2], MASK_VALUE * alone.masks[second])
+
+
+def test_a_turned_scene_has_turned_images_and_turned_symbols() -> None:
+    """All of the scene, the arms too, turned by 180 degrees about the table's middle."""
+    for scene in sample_scenes(10, 2, 5):
+        region = scene.goal.region
+        moved = make_scene(
+            [replace(item, position=turn(item.position), yaw=item.yaw + math.pi) for item in scene.objects],
+            replace(scene.goal, region=replace(region, position=turn(region.position), yaw=region.yaw + math.pi)),
+        )
+        here, there = scene_images(scene, 64), scene_images(moved, 64)
+        # Rays graze edges: single pixels differ.
+        assert (here.masks[:, ::-1, ::-1] != there.masks).mean() < 1e-3
+        assert (np.abs(here.depth[::-1, ::-1] - there.depth) > 0.05).mean() < 5e-3
+        grounding = ground_actions([item.name for item in scene.objects], scene.goal.object)
+        codes, others = encode_actions(grounding, scene.objects), encode_actions(grounding, moved.objects)
+        arms = {"left": "right", "right": "left"}
+        for index, action in enumerate(grounding.actions):
+            words = tuple(arms.get(word, word) for word in action.arguments)
+            assert others.symbol[grounding.index(Action(action.operator, words))] == TURNED[codes.symbol[index]]
+
+
+def turn(position: tuple[float, float]) -> tuple[float, float]:
+    return -position[0], -position[1]

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from dvr_jax.errors import DvrError
-from dvr_jax.logic import enumerate_sequences
+from dvr_jax.logic import FACES, enumerate_sequences
 from dvr_jax.model import predictor as module
 from dvr_jax.model.checkpoint import Header, export_weights
-from dvr_jax.model.encoding import SYMBOLS
+from dvr_jax.model.encoding import SYMBOLS, direction
 from dvr_jax.model.images import assemble_images, scene_images
 from dvr_jax.model.network import Network, NetworkConfig, initial_weights
 from dvr_jax.model.predictor import BATCH_SIZES, Predictor
@@ -32,7 +32,7 @@ def test_steps_are_the_network_on_the_actions_images(number: int) -> None:
     def encode(first: int, second: int) -> object:
         pair = jnp.array([[first, second]])
         image = assemble_images(
-            jnp.asarray(images.depth)[None], jnp.asarray(images.masks)[None], jnp.zeros(1, int), pair
+            jnp.asarray(images.depth)[None], jnp.asarray(images.masks)[None], jnp.zeros(1, int), pair, jnp.zeros(1) > 0
         )
         return network.apply(variables, image, method=Network.encode_images)
 
@@ -41,7 +41,9 @@ def test_steps_are_the_network_on_the_actions_images(number: int) -> None:
     for index in sequence:
         action = code.grounding.actions[index]
         name = action.arguments[2 if action.operator == "grasp" else 1]
-        symbol = SYMBOLS.index((action.operator, *(word for word in action.arguments if word != name)))
+        item = scene.objects[scene.object_index(name)]
+        words = (direction(word, item) if word in FACES else word for word in action.arguments if word != name)
+        symbol = SYMBOLS.index((action.operator, *words))
         image = encode(scene.object_index(name), number if action.arguments[-1] == "goal" else number + 1)
         word = network.apply(variables, jnp.array([symbol]), method=Network.encode_symbols)
         logit, theirs = network.apply(variables, theirs, word, image, goal, method=Network.step)
