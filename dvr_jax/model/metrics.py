@@ -49,7 +49,7 @@ def _greedy(weights: Weights, table: SceneTable, scenes: NDArray[np.int_], k_max
     full = np.resize(scenes, SCENES_AT_ONCE)
     owner = np.repeat(full, count).astype(np.int32)
     pairs = table.pairs[full].reshape(-1, 2)
-        codes = _encode(weights, table.depth, table.masks, owner, pairs, np.zeros(len(pairs), np.bool_))
+    codes = _encode(weights, table.depth, table.masks, owner, pairs, np.zeros(len(pairs), np.bool_))
     states = [grounding.initial_state for grounding in groundings]
     sequences: list[list[int]] = [[] for _ in scenes]
     running = [i for i, grounding in enumerate(groundings) if not grounding.is_goal(grounding.initial_state)]

@@ -51,7 +51,7 @@ def test_image_encoder_is_three_correlations_and_a_dense_layer() -> None:
     masks = generator.integers(0, 2, (1, 3, 16, 16)).astype(np.uint8)
     pair = np.array([[0, 2]], np.int32)
     code = jax.jit(encode_images)(
-        weights, jnp.asarray(depth), jnp.asarray(masks), jnp.zeros(1, jnp.int32), jnp.asarray(pair)
+        weights, jnp.asarray(depth), jnp.asarray(masks), jnp.zeros(1, jnp.int32), jnp.asarray(pair), jnp.zeros(1) > 0
     )
     image: NDArray[Any] = np.stack([depth[0], 16.0 * masks[0, 0], 16.0 * masks[0, 2]], axis=-1).astype(float)
     for i, stride in enumerate((1, 2, 2)):

@@ -55,7 +55,8 @@ def test_loss_is_the_weighted_mean_over_steps_that_count() -> None:
 
 
 def test_learns_which_arm_is_on_the_objects_side(tmp_path: Path) -> None:
-    options = replace(OPTIONS, out=tmp_path, steps=240, log_every=20, checkpoint_every=240, learning_rate=3e-3)
+    options = replace(OPTIONS, out=tmp_path, steps=240, log_every=20, checkpoint_every=240)
+    options = replace(options, learning_rate=3e-3, turn=False)
     data = prepare(options, EXAMPLES, None, quiet)
     assert data.positive_weight == pytest.approx(0.5)  # a third drawn of the feasible, the others half and half
     lines: list[str] = []
