@@ -212,7 +212,7 @@ def _clear_postures(problem: Problem, q: np.ndarray) -> tuple[np.ndarray, np.nda
     `CLEARANCE` back along its approach, one that holds something that stands before or after the switch is as much
     higher."""
     K = len(q)
-    coming, going = q.copy(), q.copy()
+    coming, going = np.array(q), np.array(q)
     tasks: list[tuple[np.ndarray, int, int, bool]] = []
     for k in range(K):
         item = problem.switched_object[k]
