@@ -7,7 +7,6 @@ there, and ends with the same rows. They depend neither on the number of workers
 
 from __future__ import annotations
 
-import hashlib
 import multiprocessing
 import os
 import sys
@@ -24,11 +23,11 @@ from dvr_jax.check.replay import check_motion
 from dvr_jax.dataset.labelling import LabelOptions, label_scene
 from dvr_jax.dataset.labels import Label
 from dvr_jax.dataset.manifest import write_manifest
-from dvr_jax.dataset.shards import list_shards, write_shard
+from dvr_jax.dataset.shards import list_shards, read_columns, write_shard
 from dvr_jax.errors import DvrError, run_command
 from dvr_jax.komo.engine import Solved
 from dvr_jax.komo.interpolation import interpolate
-from dvr_jax.scene.scene import load_scenes
+from dvr_jax.scene.scene import load_scenes, scene_to_json
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.tree import Node
 from dvr_jax.search.work import run_together
@@ -102,14 +101,15 @@ def sweep(options: SweepOptions) -> None:
     """Label all scenes of the file whose shards are not there yet."""
     options.check()
     scenes = load_scenes(options.scenes)
-    # The labels' options and the file's content: shards of another sweep in the same folder are refused.
-    content = hashlib.sha256(options.scenes.read_bytes()).hexdigest()[:16]
-    footer: dict[str, object] = {**asdict(options.labelling), "scenes": content}
+    footer: dict[str, object] = asdict(options.labelling)
     options.out.mkdir(parents=True, exist_ok=True)
     done = list_shards(options.out)
     for info in done:
         if info.footer.options != footer:
             raise DvrError(f"{info.path} comes of another sweep ({info.footer.options}); choose another --out.")
+        expected = [scene_to_json(scene) for scene in scenes[info.scenes.start : info.scenes.stop]]
+        if read_columns(info).json != expected:
+            raise DvrError(f"{info.path} holds other scenes than {options.scenes}; choose another --out.")
     covered = {index for info in done for index in info.scenes}
     todo = [
         (first, stop)

@@ -1,0 +1,74 @@
+"""Sweeps: the same rows whatever shares a batch, and after a kill; what does not fit is refused."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from dvr_jax.dataset.labelling import LabelOptions
+from dvr_jax.dataset.labels import same_label, sort_labels
+from dvr_jax.dataset.shards import list_shards, read_shard, same_rows
+from dvr_jax.scene.sampling import sample_scenes
+from dvr_jax.scene.scene import save_scenes
+from dvr_jax.sweep import label_scenes
+
+OPTIONS = LabelOptions(solutions=2, k_max=3)
+SCENES = tuple(sample_scenes(6, 1, 4))
+
+
+def sweep(scenes: Path, out: Path, *more: str) -> subprocess.Popen[str]:
+    arguments = ["--scenes", str(scenes), "--out", str(out), "--k-max", "3", "--solutions", "2", "--shard", "2"]
+    command = [sys.executable, "-m", "dvr_jax.sweep", *arguments, "--workers", "1", *more]
+    return subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
+
+
+@pytest.fixture(scope="module")
+def scenes(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("scenes") / "scenes.jsonl"
+    save_scenes(path, SCENES)
+    return path
+
+
+def test_rows_do_not_depend_on_what_shares_a_batch() -> None:
+    alone = [label for _, labels in label_scenes(SCENES, 0, OPTIONS, width=1) for label in labels]
+    together = [label for _, labels in label_scenes(SCENES, 0, OPTIONS, width=6) for label in labels]
+    assert len(alone) == len(together) > 20
+    assert any(label.feasible for label in alone) and any(label.refuted_prefix for label in alone)
+    assert all(map(same_label, sort_labels(alone), sort_labels(together)))
+
+
+def test_a_killed_sweep_ends_with_the_same_rows(scenes: Path, tmp_path: Path) -> None:
+    assert sweep(scenes, tmp_path / "whole").wait() == 0
+    process = sweep(scenes, tmp_path / "cut")
+    while not list((tmp_path / "cut").glob("*.parquet")):
+        assert process.poll() is None
+        time.sleep(0.05)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    done = list_shards(tmp_path / "cut")
+    assert 1 <= len(done) < 3
+    written = {info.path: info.path.stat().st_mtime_ns for info in done}
+    assert sweep(scenes, tmp_path / "cut").wait() == 0
+    cut, whole = list_shards(tmp_path / "cut"), list_shards(tmp_path / "whole")
+    assert [info.scenes for info in cut] == [info.scenes for info in whole] == [range(0, 2), range(2, 4), range(4, 6)]
+    assert all(same_rows(read_shard(a.path), read_shard(b.path)) for a, b in zip(cut, whole, strict=True))
+    assert all(path.stat().st_mtime_ns == time for path, time in written.items())
+    assert (tmp_path / "cut" / "manifest.json").exists()
+
+    refused = sweep(scenes, tmp_path / "cut", "--seed", "1")
+    assert refused.wait() == 2
+    assert "comes of another sweep" in refused.stderr.read()  # type: ignore[union-attr]
+    save_scenes(tmp_path / "others.jsonl", SCENES[::-1])
+    refused = sweep(tmp_path / "others.jsonl", tmp_path / "cut")
+    assert refused.wait() == 2
+    assert "holds other scenes" in refused.stderr.read()  # type: ignore[union-attr]
+
+
+def test_a_missing_scene_file_is_named(tmp_path: Path) -> None:
+    process = sweep(tmp_path / "none.jsonl", tmp_path / "out")
+    assert process.wait() == 2
+    assert "none.jsonl" in process.stderr.read()  # type: ignore[union-attr]
