@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 
-from dvr_jax.bench import labels, peers, recall, scenes, speed, table_one
+from dvr_jax.bench import labels, peers, recall, scenes, search, speed, table_one
 from dvr_jax.errors import DvrError, run_command
 
 BENCHMARKS: dict[str, Callable[[list[str]], int]] = {
@@ -14,6 +14,7 @@ BENCHMARKS: dict[str, Callable[[list[str]], int]] = {
     "oracle": recall.run_oracle,
     "recall": recall.run,
     "labels": labels.run,
+    "search": search.run,
     "speed": speed.run,
     "peers": peers.run,
 }

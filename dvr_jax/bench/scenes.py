@@ -4,6 +4,7 @@ Every scene's result is one line of a JSON Lines file, written as soon as it is 
 
 from __future__ import annotations
 
+import hashlib
 import json
 import multiprocessing
 import os
@@ -14,14 +15,18 @@ from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import tyro
 
 from dvr_jax.errors import DvrError
+from dvr_jax.model.predictor import Predictor, load_network
 from dvr_jax.planner import plan
 from dvr_jax.scene.sampling import SceneDistribution, ShapeChoice, sample_scenes
 from dvr_jax.search.run import EXHAUSTED
+from dvr_jax.search.searches import GUIDED, SEARCHES
+from dvr_jax.search.warm import warm_up
 
 
 @dataclass(frozen=True)
@@ -37,7 +42,9 @@ class ScenesOptions:
     seed: int = 1
     """Of the scenes."""
     search: str = "mbts"
-    """mbts or bfs."""
+    """dvr, classifier, mbts or bfs."""
+    network: Path | None = None
+    """Trained network of the search's kind, for dvr and classifier."""
     k_max: int = 6
     """Largest number of actions."""
     time_limit: float = 60.0
@@ -48,10 +55,21 @@ class ScenesOptions:
     """JSON Lines file of results; scenes that it already has are not planned again."""
 
 
+@lru_cache(maxsize=1)
+def _network(path: Path | None) -> Predictor | None:
+    return None if path is None else Predictor.load(path)
+
+
+def _get_ready(options: ScenesOptions) -> None:
+    """Compile or load everything before the first scene is timed."""
+    warm_up(options.objects, options.k_max, _network(options.network))
+
+
 def _plan_one(options: ScenesOptions, index: int) -> dict[str, object]:
     distribution = SceneDistribution(shape=options.shape)
     scene = list(sample_scenes(index + 1, options.objects, options.seed, distribution))[index]
-    result = plan(scene, options.search, options.k_max, seed=0, time_limit=options.time_limit)
+    network = _network(options.network)
+    result = plan(scene, options.search, options.k_max, seed=0, time_limit=options.time_limit, network=network)
     return {
         "scene": index,
         "status": result.status,
@@ -69,6 +87,7 @@ def _header(options: ScenesOptions) -> dict[str, object]:
     chosen = asdict(options)
     for name in ("number", "workers", "out"):
         del chosen[name]
+    chosen["network"] = hashlib.sha256(options.network.read_bytes()).hexdigest()[:16] if options.network else ""
     return chosen
 
 
@@ -88,7 +107,14 @@ def _read(options: ScenesOptions) -> dict[int, dict[str, object]]:
     return {int(row["scene"]): row for row in map(json.loads, whole[1:])}
 
 
-def _results(options: ScenesOptions) -> Iterator[dict[str, object]]:
+def results(options: ScenesOptions) -> Iterator[dict[str, object]]:
+    """Rows of all scenes, those first that the file has."""
+    if options.search not in SEARCHES:
+        raise DvrError(f"there is no search '{options.search}'; valid: {', '.join(SEARCHES)}.")
+    if options.search in GUIDED:
+        if options.network is None:
+            raise DvrError(f"the search '{options.search}' needs a network; name its file by --network.")
+        load_network(options.search, options.network)
     done = _read(options)
     yield from (row for index, row in done.items() if index < options.number)
     todo = [index for index in range(options.number) if index not in done]
@@ -100,7 +126,8 @@ def _results(options: ScenesOptions) -> Iterator[dict[str, object]]:
         machine = {"machine": platform.processor() or platform.machine(), "cores": os.cpu_count()}
         file.write_text(json.dumps({"options": _header(options), **machine}) + "\n", encoding="utf-8")
     # Forked processes would share the parent's XLA threads, which do not survive a fork.
-    with ProcessPoolExecutor(options.workers, mp_context=multiprocessing.get_context("spawn")) as pool:
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(options.workers, context, _get_ready, (options,)) as pool:
         for future in as_completed([pool.submit(_plan_one, options, index) for index in todo]):
             row = future.result()
             if file is not None:
@@ -114,7 +141,7 @@ def _results(options: ScenesOptions) -> Iterator[dict[str, object]]:
 def run(arguments: list[str]) -> int:
     """Plan the scenes, print the table."""
     options = tyro.cli(ScenesOptions, prog="python -m dvr_jax.bench scenes", args=arguments)
-    rows = list(_results(options))
+    rows = list(results(options))
     solved = [row for row in rows if row["words"]]
     lengths = Counter(len(row["words"]) for row in solved)  # type: ignore[arg-type]
     exhausted = sum(row["status"] == EXHAUSTED for row in rows)

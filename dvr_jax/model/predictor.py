@@ -38,6 +38,10 @@ OBJECT_NUMBERS = (1, 2, 4, 8)
 _MOST_ACTIONS = 12 * MAXIMUM_OBJECTS
 
 
+SHIPPED = Path(__file__).parents[2] / "data" / "networks"
+"""Networks of this repository, one a kind: NAME.npz."""
+
+
 class _Codes(NamedTuple):
     """Codes of a scene on the device; padded with zeros to a length that no scene exceeds."""
 
@@ -123,6 +127,18 @@ class Predictor:
             result = _step(self.weights, code.codes, _padded(hidden[rows], size), _padded(chosen[rows], size))
             probabilities[rows], after[rows] = (np.asarray(item)[:count] for item in result)
         return probabilities, after
+
+
+def load_network(kind: str, path: Path | None = None) -> Predictor:
+    """A trained network of a kind, "dvr" or "classifier"; without a path, the shipped one."""
+    if path is None:
+        path = SHIPPED / f"{kind}.npz"
+        if not path.exists():
+            raise DvrError(f"no network of the kind '{kind}' is shipped with this installation; name a file of one.")
+    predictor = Predictor.load(path)
+    if predictor.kind != kind:
+        raise DvrError(f"{path} holds a network of the kind '{predictor.kind}'; valid is '{kind}'.")
+    return predictor
 
 
 def _padded(rows: NDArray[Any], size: int) -> jax.Array:
