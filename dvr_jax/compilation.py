@@ -7,10 +7,12 @@ import os
 import pickle
 import platform
 import tempfile
+from collections import defaultdict
 from collections.abc import Callable
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
+from threading import Lock
 from typing import Any, Generic, ParamSpec, TypeVar
 
 import jax
@@ -56,6 +58,7 @@ class Program(Generic[_P, _R]):
         self.__doc__ = function.__doc__
         self._function = function
         self._compiled: dict[object, Callable[..., _R]] = {}
+        self._locks: defaultdict[object, Lock] = defaultdict(Lock)
 
     def __call__(self, *args: _P.args, **kwargs: _P.kwargs) -> _R:
         """Run it, compiled or loaded before if need be; there are no keyword arguments."""
@@ -66,7 +69,11 @@ class Program(Generic[_P, _R]):
         key = (tree, *((leaf.shape, leaf.dtype) for leaf in leaves))
         compiled = self._compiled.get(key)
         if compiled is None:
-            compiled = self._compiled[key] = self._load_or_compile(key, args)
+            # Another thread may be compiling the same.
+            with self._locks[key]:
+                compiled = self._compiled.get(key)
+                if compiled is None:
+                    compiled = self._compiled[key] = self._load_or_compile(key, args)
         return compiled(*args)
 
     def _compile(self, args: tuple[Any, ...]) -> jax.stages.Compiled:

@@ -27,6 +27,7 @@ from dvr_jax.search.reasoning import Network
 from dvr_jax.search.run import SOLVED
 from dvr_jax.search.searches import search as run_search
 from dvr_jax.search.tree import Node, SequenceTree
+from dvr_jax.search.warm import warming_up
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +95,7 @@ def plan(
     begin = time.monotonic()
     # Tolerances of a micrometre need double precision. Set here and not on import, which must not change other users'
     # programs.
-    with jax.enable_x64(True):
+    with jax.enable_x64(True), warming_up(len(scene.objects), k_max, network):
         tree = SequenceTree(scene, k_max, seed, deadline=begin + time_limit)
         accepted: list[tuple[Motion, CheckReport]] = []
         check_seconds, rejected = 0.0, 0

@@ -1,21 +1,40 @@
-"""Compile, or load, all programs that searches on scenes of one size use, so that what follows is timed without."""
+"""Compile, or load, all programs that searches on scenes of one size use: beforehand, or beside a search."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from threading import Event, Thread
+
 import jax
+import jax.numpy as jnp
 
 from dvr_jax.komo.augmented import Settings
-from dvr_jax.komo.engine import extend_prefixes, keyframe_start, path_problem, path_start, refined_start, solve
+from dvr_jax.komo.engine import extend_prefixes, path_problem, path_start, refined_start, solve
 from dvr_jax.komo.particles import empty_prefix
+from dvr_jax.komo.problem import PARAMETERS, Variables
 from dvr_jax.komo.transcription import transcribe
 from dvr_jax.logic import Action
 from dvr_jax.scene.sampling import sample_scenes
 from dvr_jax.search.reasoning import Network
+from dvr_jax.search.run import REFINEMENTS
 from dvr_jax.search.tree import SequenceTree
 
+_ready: set[tuple[int, int]] = set()
+"""Numbers of objects and of actions whose programs this process has."""
 
-def warm_up(number_of_objects: int, k_max: int = 6, network: Network | None = None) -> None:
-    """Run every program once: one iteration of each NLP of 1 to ``k_max`` actions, one query of the network."""
+
+def warm_up(
+    number_of_objects: int,
+    k_max: int = 6,
+    network: Network | None = None,
+    stop: Callable[[], bool] = lambda: False,
+) -> None:
+    """Run every program once: one iteration of each NLP of 1 to ``k_max`` actions, one query of the network.
+
+    Args:
+        stop: asked between programs whether the rest is no longer needed.
+    """
     scene = next(sample_scenes(1, number_of_objects, seed=0))
     name = scene.goal.object
     # Whether these can be done does not matter; all kinds of extension occur.
@@ -29,18 +48,42 @@ def warm_up(number_of_objects: int, k_max: int = 6, network: Network | None = No
     ]
     once = Settings(iteration_limit=1)
     with jax.enable_x64(True):
-        tree = SequenceTree(scene, k_max)
+        problems = [transcribe(scene, [actions[k % len(actions)] for k in range(K)]) for K in range(1, k_max + 1)]
+        keyframes = [Variables(jnp.tile(p.home, (K, 1)), jnp.zeros((K, PARAMETERS))) for K, p in enumerate(problems, 1)]
+        # In the order in which a search comes to need them.
+        for problem, point in zip(problems, keyframes, strict=True):
+            if stop():
+                return
+            solve([problem], [point], once)
         particles = empty_prefix(number_of_objects, k_max)
-        for length in range(1, k_max + 1):
-            prefix = [actions[k % len(actions)] for k in range(length)]
-            problem = transcribe(scene, prefix)
+        for problem in problems:
+            if stop():
+                return
             particles = extend_prefixes([particles], [problem], seed=0)[0]
-            keyframes = keyframe_start(particles, 0, length)
-            solve([problem], [keyframes], once)
-            start = path_start(problem, keyframes)
-            path = solve([path_problem(problem, start)], [start], once)[0]
-            finer = refined_start(problem, path)
-            solve([path_problem(problem, finer)], [finer], once)
         if network is not None:
-            code = network.begin(scene, tree.grounding)
+            code = network.begin(scene, SequenceTree(scene, k_max).grounding)
             network.step(code, code.initial_hidden(1), [0])
+        starts = [path_start(problem, point) for problem, point in zip(problems, keyframes, strict=True)]
+        for _ in range(REFINEMENTS + 1):
+            for i, problem in enumerate(problems):
+                if stop():
+                    return
+                path = solve([path_problem(problem, starts[i])], [starts[i]], once)[0]
+                starts[i] = refined_start(problem, path)
+    _ready.add((number_of_objects, k_max))
+
+
+@contextmanager
+def warming_up(number_of_objects: int, k_max: int, network: Network | None) -> Iterator[None]:
+    """Compile on another core what the work inside will soon need, unless this process has it."""
+    if (number_of_objects, k_max) in _ready:
+        yield
+        return
+    done = Event()
+    thread = Thread(target=warm_up, args=(number_of_objects, k_max, network, done.is_set))
+    thread.start()
+    try:
+        yield
+    finally:
+        # It ends with the program that it is at, and the interpreter waits for that.
+        done.set()
