@@ -24,7 +24,7 @@ from dvr_jax.model.encoding import TURNED, ActionCodes, encode_actions, goal_tup
 from dvr_jax.model.images import ImageStack
 from dvr_jax.scene.types import Scene
 
-VIEW_BUCKET, IMAGE_BUCKET = 4, 16
+VIEW_BUCKET, IMAGE_BUCKET = 12, 16
 """The shown scenes and the images of a batch are padded to multiples of these, so that few shapes are compiled."""
 
 

@@ -63,7 +63,7 @@ def test_each_image_is_encoded_once_for_all_steps_and_sequences() -> None:
     assert len(set(shown)) == 2 * 2 + 3 * 3
     assert len(shown) == IMAGE_BUCKET
     # Each of the five scenes is one view.
-    assert set(batch.view_scene) == set(range(5)) and len(batch.view_scene) == 2 * VIEW_BUCKET
+    assert set(batch.view_scene) == set(range(5)) and len(batch.view_scene) == VIEW_BUCKET
 
 
 def test_turned_scenes_are_turned_views_with_turned_symbols() -> None:
