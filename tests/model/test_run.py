@@ -31,6 +31,7 @@ OPTIONS = TrainOptions(
     image_size=24,
     batch=15,
     least_feasible=5,
+    scenes=4,
     held_out=0.2,
     steps=24,
     log_every=4,
