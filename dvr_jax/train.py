@@ -31,7 +31,7 @@ def main() -> int:
     held_out = load_examples(options.validation) if options.validation else None
     data = prepare(options, load_examples(options.data), held_out, say)
     say(
-        f"{len(data.rows)} sequences to train on, {len(data.feasible)} of them feasible; "
+        f"{len(data.draws.rows)} sequences to train on, {len(data.draws.feasible)} of them feasible; "
         f"a target of 1 weighs {data.positive_weight:.2f}"
     )
     train(options, data, network, say)

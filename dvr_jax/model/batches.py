@@ -7,6 +7,7 @@ is drawn is a function of the seed and the step alone, so a run that was killed 
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
@@ -23,8 +24,8 @@ from dvr_jax.model.encoding import TURNED, ActionCodes, encode_actions, goal_tup
 from dvr_jax.model.images import ImageStack
 from dvr_jax.scene.types import Scene
 
-IMAGE_BUCKET = 32
-"""The images of a batch are padded to a multiple of this, so that few shapes are compiled."""
+VIEW_BUCKET, IMAGE_BUCKET = 12, 16
+"""The shown scenes and the images of a batch are padded to multiples of these, so that few shapes are compiled."""
 
 
 class ExamplesLike(Protocol):
@@ -56,14 +57,16 @@ class ExamplesLike(Protocol):
 
 
 class Batch(NamedTuple):
-    """B sequences of at most K actions, and the M images they refer to."""
+    """B sequences of at most K actions, the V views of scenes that they are of, and the M images they refer to."""
 
-    image_scene: NDArray[np.int32]
-    """Scene of each image (M,)."""
+    view_scene: NDArray[np.int32]
+    """Scene of each view (V,)."""
+    view_turned: NDArray[np.bool_]
+    """Whether it is turned by 180 degrees (V,)."""
+    image_view: NDArray[np.int32]
+    """View of each image (M,)."""
     image_pair: NDArray[np.int32]
     """Its two masks (M, 2)."""
-    image_turned: NDArray[np.bool_]
-    """Whether it is turned by 180 degrees (M,)."""
     goal_image: NDArray[np.int32]
     """Image of the goal's tuple (B,)."""
     symbol: NDArray[np.int32]
@@ -163,21 +166,96 @@ def held_out_scenes(number: int, fraction: float) -> NDArray[np.bool_]:
     return np.array(hashes, np.int64) < fraction * 2**32
 
 
-def draw_rows(
-    rows: NDArray[np.integer], feasible: NDArray[np.integer], batch: int, least_feasible: int, seed: int, step: int
-) -> NDArray[np.integer]:
-    """The sequences of one batch: `least_feasible` of the feasible ones, the others of all, each uniform and with
-    repetition; a function of its arguments."""
-    generator = np.random.default_rng([seed, step])
-    chosen = [feasible[generator.integers(len(feasible), size=least_feasible)]] if len(feasible) else []
-    rest = batch - least_feasible if len(feasible) else batch
-    return np.concatenate([*chosen, rows[generator.integers(len(rows), size=rest)]])
+@dataclass(frozen=True)
+class Draws:
+    """What batches are drawn from: the n sequences that are trained on, m of them feasible, by their G scenes.
+
+    A batch draws distinct scenes, each with the same probability; if it is to hold feasible sequences, it draws again
+    until a scene has some. The sequences are dealt out evenly to the scenes, the `least_feasible` first ones to those
+    that have feasible sequences, and each is drawn, with repetition, from its scene's. So a scene with many labels
+    counts no more than another, and there are few images to encode."""
+
+    rows: NDArray[np.integer]
+    """Sequences in the order of their scenes (n,)."""
+    feasible: NDArray[np.integer]
+    """Of these, the feasible ones (m,)."""
+    bounds: NDArray[np.integer]
+    """Where each scene's part of `rows` begins, and n (G + 1,)."""
+    feasible_bounds: NDArray[np.integer]
+    """The same for `feasible` (G + 1,)."""
+    scenes: int
+    """Scenes of a batch; at most G."""
+    batch: int
+    """Sequences of a batch."""
+    least_feasible: int
+    """Of these, drawn from the feasible ones; 0 if there are none."""
+
+    @staticmethod
+    def of(examples: ExamplesLike, rows: NDArray[np.integer], scenes: int, batch: int, least_feasible: int) -> Draws:
+        """Draws of these sequences (n,)."""
+        scene = np.asarray(examples.scene)
+        rows = rows[np.argsort(scene[rows], kind="stable")]
+        feasible = rows[np.asarray(examples.feasible)[rows]]
+        known = np.unique(scene[rows])
+        bounds, feasible_bounds = (
+            np.append(np.searchsorted(scene[part], known), len(part)) for part in (rows, feasible)
+        )
+        least_feasible = least_feasible if len(feasible) else 0
+        return Draws(rows, feasible, bounds, feasible_bounds, min(scenes, len(known)), batch, least_feasible)
+
+    def draw(self, seed: int, step: int) -> NDArray[np.integer]:
+        """The sequences of one batch (B,); a function of its arguments."""
+        generator = np.random.default_rng([seed, step])
+        while True:
+            chosen = generator.choice(len(self.bounds) - 1, self.scenes, replace=False)
+            solved = chosen[self.feasible_bounds[chosen] < self.feasible_bounds[chosen + 1]]
+            if len(solved) or not self.least_feasible:
+                break
+        first = np.resize(solved, self.least_feasible)
+        rest = np.resize(chosen, self.batch - self.least_feasible)
+        return np.concatenate(
+            [
+                self.feasible[generator.integers(self.feasible_bounds[first], self.feasible_bounds[first + 1])],
+                self.rows[generator.integers(self.bounds[rest], self.bounds[rest + 1])],
+            ]
+        )
+
+    def share_of_ones(self, examples: ExamplesLike, kind: Kind) -> float:
+        """Expected ones among a batch's targets, divided by the expected steps that count."""
+        length = np.asarray(examples.length)
+        if kind == "classifier":
+            ones = np.where(examples.feasible, length, 0).astype(float)
+            steps = np.where(examples.feasible, length, 1).astype(float)
+        else:
+            ones, steps = np.asarray(examples.targets).sum(axis=1, dtype=float), length.astype(float)
+        solved = np.diff(self.feasible_bounds) > 0
+        # Scenes with feasible sequences are as likely as each other, and so are those without; batches of the latter
+        # alone are drawn again if they are to hold feasible sequences.
+        groups, others = len(solved), int((~solved).sum())
+        refused = math.comb(others, self.scenes) / math.comb(groups, self.scenes) if self.least_feasible else 0.0
+        weight = np.where(solved, 1 / groups / (1 - refused), 0.0)
+        weight[~solved] = (1 - weight.sum()) / max(others, 1)
+        rest, first = self.batch - self.least_feasible, self.least_feasible * solved / max(solved.sum(), 1)
+
+        def expected(values: NDArray[np.floating]) -> float:
+            """Expected sum over a batch of a value of each sequence."""
+            of_all = _means(values[self.rows], self.bounds)
+            of_feasible = _means(values[self.feasible], self.feasible_bounds)
+            return float(rest * weight @ of_all + first @ of_feasible)
+
+        return expected(ones) / expected(steps)
 
 
-def draw_turned(batch: int, seed: int, step: int) -> NDArray[np.bool_]:
-    """Which sequences of one batch are shown turned by 180 degrees (B,): the two arms stand opposite each other, so
-    what is feasible stays so when they change places."""
-    return np.random.default_rng([seed, step, 1]).random(batch) < 0.5
+def _means(values: NDArray[np.floating], bounds: NDArray[np.integer]) -> NDArray[np.floating]:
+    """Mean of each part of values (n,) between bounds (G + 1,); 0 of an empty one."""
+    sums = np.append(0.0, np.cumsum(values))[bounds]
+    return np.diff(sums) / np.maximum(np.diff(bounds), 1)
+
+
+def draw_turned(scenes: int, seed: int, step: int) -> NDArray[np.bool_]:
+    """Which scenes one batch shows turned by 180 degrees (S,): the two arms stand opposite each other, so what is
+    feasible stays so when they change places."""
+    return np.random.default_rng([seed, step, 1]).random(scenes) < 0.5
 
 
 def assemble_batch(
@@ -187,8 +265,7 @@ def assemble_batch(
     kind: Kind,
     turned: NDArray[np.bool_] | None = None,
 ) -> Batch:
-    """The batch of these sequences, some of them turned (B,) by 180 degrees."""
-    turned = np.zeros(len(rows), np.bool_) if turned is None else turned
+    """The batch of these sequences (B,), some of the scenes (S,) turned by 180 degrees."""
     scene, actions = np.asarray(examples.scene)[rows], np.asarray(examples.actions)[rows]
     length, steps = np.asarray(examples.length)[rows][:, None], np.arange(actions.shape[1])
     inside = steps < length
@@ -196,13 +273,13 @@ def assemble_batch(
     # Padding repeats the goal's tuple: no image is encoded for it.
     tuples = np.where(inside, table.tuple_index[scene[:, None], actions], table.goal_tuple[scene][:, None])
     tuples = np.concatenate([tuples, table.goal_tuple[scene][:, None]], axis=1)
+    view_scene, view = np.unique(scene, return_inverse=True)
     count = table.pairs.shape[1]
-    shown = (2 * scene[:, None].astype(np.int64) + turned[:, None]) * count + tuples
-    distinct, place = np.unique(shown, return_inverse=True)
-    place = place.reshape(tuples.shape)
-    distinct = np.concatenate([distinct, np.repeat(distinct[:1], -len(distinct) % IMAGE_BUCKET)])
-    image_scene, image_tuple = np.divmod(distinct, count)
-    image_scene, image_turned = np.divmod(image_scene, 2)
+    distinct, place = np.unique(view[:, None] * count + tuples, return_inverse=True)
+    image: NDArray[np.int32] = place.reshape(tuples.shape).astype(np.int32)
+    view_scene, distinct = _filled(view_scene, VIEW_BUCKET), _filled(distinct, IMAGE_BUCKET)
+    view_turned = np.zeros(len(view_scene), np.bool_) if turned is None else turned[view_scene]
+    image_view, image_tuple = np.divmod(distinct, count)
     symbol = table.symbol[scene[:, None], actions]
     if kind == "classifier":
         # All prefixes of a feasible sequence are feasible; of an infeasible one only the whole is known to be not.
@@ -211,31 +288,18 @@ def assemble_batch(
     else:
         mask, target = inside, np.asarray(examples.targets)[rows]
     return Batch(
-        image_scene.astype(np.int32),
-        table.pairs[image_scene, image_tuple],
-        image_turned > 0,
-        place[:, -1].astype(np.int32),
-        np.where(turned[:, None], TURNED[symbol], symbol),
-        place[:, :-1].astype(np.int32),
+        view_scene.astype(np.int32),
+        view_turned,
+        image_view.astype(np.int32),
+        table.pairs[view_scene[image_view], image_tuple],
+        image[:, -1],
+        np.where(view_turned[view][:, None], TURNED[symbol], symbol),
+        image[:, :-1],
         np.where(mask, target, 0).astype(np.float32),
         mask.astype(np.float32),
     )
 
 
-def share_of_ones(
-    examples: ExamplesLike,
-    rows: NDArray[np.integer],
-    feasible: NDArray[np.integer],
-    least_feasible: float,
-    kind: Kind,
-) -> float:
-    """Expected share of ones among a batch's targets, if a share `least_feasible` of it is drawn of the feasible."""
-    length = np.asarray(examples.length)
-    if kind == "classifier":
-        ones = np.where(examples.feasible, length, 0).astype(float)
-        steps = np.where(examples.feasible, length, 1).astype(float)
-    else:
-        ones, steps = np.asarray(examples.targets).sum(axis=1, dtype=float), length.astype(float)
-    parts = [(1 - least_feasible, rows), (least_feasible, feasible)] if len(feasible) else [(1.0, rows)]
-    number = sum(weight * steps[part].mean() for weight, part in parts)
-    return float(sum(weight * ones[part].mean() for weight, part in parts) / number)
+def _filled(values: NDArray[np.integer], unit: int) -> NDArray[np.integer]:
+    """The values (n,) and the first one again, as often as a multiple of `unit` needs."""
+    return np.append(values, np.repeat(values[:1], -len(values) % unit))

@@ -2,8 +2,8 @@
 
 The paper's I(O, S) has one channel of depth and two masks, all of the *initial* scene. The depth is the same for all
 actions and there are few masks, so both are stored once: a pair of indices into the stack of masks stands for an
-image, and the images are put together on the device. The stack is: one mask per object in the scene's order, the goal
-region's, and one of zeros, which fills the channel of an absent second object.
+image. The stack is: one mask per object in the scene's order, the goal region's, and one of zeros, which fills the
+channel of an absent second object.
 """
 
 from collections.abc import Sequence
@@ -74,11 +74,12 @@ def stack_images(images: Sequence[SceneImages], most_objects: int) -> ImageStack
     return ImageStack(np.stack([item.depth for item in images]), masks)
 
 
-def assemble_images(
-    depth: jax.Array, masks: jax.Array, scene: jax.Array, pairs: jax.Array, turned: jax.Array
-) -> jax.Array:
-    """Action-object images (B, H, W, 3): image b shows the pair of masks `pairs[b]` (B, 2) of scene `scene[b]` (B,),
-    from depth (S, H, W) and masks (S, M, H, W), turned by 180 degrees where `turned` (B,). Runs on the device."""
-    chosen = MASK_VALUE * masks[scene[:, None], pairs].astype(jnp.float32)
-    images = jnp.moveaxis(jnp.concatenate([depth[scene][:, None], chosen], axis=1), 1, -1)
-    return jnp.where(turned[:, None, None, None], images[:, ::-1, ::-1], images)
+def show_scenes(depth: jax.Array, masks: jax.Array, scene: jax.Array, turned: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Channels of shown scenes, depth (V, H, W) and masks (V, M, H, W), as an action-object image has them: view v
+    shows scene `scene[v]` (V,) of depth (S, H, W) and masks (S, M, H, W), turned by 180 degrees where `turned` (V,).
+    Runs on the device."""
+
+    def turn(images: jax.Array) -> jax.Array:
+        return jnp.where(jnp.expand_dims(turned, tuple(range(1, images.ndim))), images[..., ::-1, ::-1], images)
+
+    return turn(depth[scene]), MASK_VALUE * turn(masks[scene]).astype(jnp.float32)

@@ -47,9 +47,9 @@ def _greedy(weights: Weights, table: SceneTable, scenes: NDArray[np.int_], k_max
     # Image codes of all tuples of all scenes, one after the other; too few scenes are repeated.
     count = table.pairs.shape[1]
     full = np.resize(scenes, SCENES_AT_ONCE)
-    owner = np.repeat(full, count).astype(np.int32)
-    pairs = table.pairs[full].reshape(-1, 2)
-    codes = _encode(weights, table.depth, table.masks, owner, pairs, np.zeros(len(pairs), np.bool_))
+    plain, view = np.zeros(SCENES_AT_ONCE, np.bool_), np.repeat(np.arange(SCENES_AT_ONCE, dtype=np.int32), count)
+    shown = full.astype(np.int32), plain, view, table.pairs[full].reshape(-1, 2)
+    codes = _encode(weights, table.depth, table.masks, *shown)
     states = [grounding.initial_state for grounding in groundings]
     sequences: list[list[int]] = [[] for _ in scenes]
     running = [i for i, grounding in enumerate(groundings) if not grounding.is_goal(grounding.initial_state)]

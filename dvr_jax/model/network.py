@@ -25,8 +25,9 @@ import numpy as np
 from flax import linen as nn
 
 from dvr_jax.errors import DvrError
+from dvr_jax.model.convolution import convolve, halving_kernel, pack, packed_kernel, take
 from dvr_jax.model.encoding import SYMBOLS
-from dvr_jax.model.images import CHANNELS, assemble_images
+from dvr_jax.model.images import CHANNELS, show_scenes
 
 Parameters = dict[str, Any]
 """A tree of float32 arrays."""
@@ -38,6 +39,9 @@ RECURRENT = ("hr", "hz", "hn")
 """Names of the GRU's layers that act on the state."""
 
 SMALLEST_IMAGE, LARGEST_IMAGE = 8, 1024
+
+SIZE_UNIT = math.prod(STRIDES)
+"""An image's size is a multiple of this, so that every layer's stride divides it."""
 
 
 @dataclass(frozen=True)
@@ -56,9 +60,10 @@ class NetworkConfig:
     """Whether the goal's tuple is an input; without it, the network is the recurrent feasibility classifier."""
 
     def __post_init__(self) -> None:
-        if not SMALLEST_IMAGE <= self.image_size <= LARGEST_IMAGE:
+        if not SMALLEST_IMAGE <= self.image_size <= LARGEST_IMAGE or self.image_size % SIZE_UNIT:
             raise DvrError(
-                f"the images' size is {self.image_size} pixels; valid are {SMALLEST_IMAGE} to {LARGEST_IMAGE}."
+                f"the images' size is {self.image_size} pixels; valid are multiples of {SIZE_UNIT} from "
+                f"{SMALLEST_IMAGE} to {LARGEST_IMAGE}."
             )
         for name, value in (("dense", self.dense), ("hidden", self.hidden), ("channels", min(self.channels))):
             if value < 1:
@@ -85,7 +90,7 @@ class Network(nn.Module):
         self.output = nn.Dense(1)
 
     def encode_images(self, images: jax.Array) -> jax.Array:
-        """Codes (B, dense) of action-object images (B, H, W, 3)."""
+        """Codes (B, dense) of action-object images (B, H, W, 3); `encode_images` below gives the same, faster."""
         for convolution in self.convolutions:
             images = nn.relu(convolution(images))
         return self.image_dense(images.reshape(images.shape[0], -1))
@@ -154,12 +159,35 @@ def initial_weights(config: NetworkConfig, seed: int) -> Weights:
 
 
 def encode_images(
-    weights: Weights, depth: jax.Array, masks: jax.Array, scene: jax.Array, pairs: jax.Array, turned: jax.Array
+    weights: Weights,
+    depth: jax.Array,
+    masks: jax.Array,
+    scene: jax.Array,
+    turned: jax.Array,
+    view: jax.Array,
+    pairs: jax.Array,
 ) -> jax.Array:
-    """Codes (B, dense) of images given as in `images.assemble_images`."""
-    network, variables = weights.network()
-    images = assemble_images(depth, masks, scene, pairs, turned)
-    return _only(network.apply(variables, images, method=Network.encode_images))
+    """Codes (B, dense) of action-object images of shown scenes: image b has the depth of view `view[b]` (B,) and its
+    masks `pairs[b]` (B, 2), of the views that `images.show_scenes` makes of depth (S, H, W), masks (S, M, H, W), scene
+    (V,) and turned (V,). The last of a scene's masks is all zeros.
+
+    The first convolution is linear, so the depth's part is convolved once per view and the masks' once per mask."""
+    layers = [weights.parameters[f"convolutions_{i}"] for i in range(len(STRIDES))]
+    seen, marked = show_scenes(depth, masks, scene, turned)
+    ground, first, second = (packed_kernel(layers[0]["kernel"][:, :, i : i + 1]) for i in range(CHANNELS))
+    bias = jnp.tile(layers[0]["bias"], 4)
+    of_depth = convolve(pack(seen[..., None]), ground) + bias
+    marked = marked[:, :-1]
+    of_masks = convolve(pack(marked.reshape(-1, *marked.shape[2:], 1)), jnp.concatenate([first, second], axis=-1))
+    # Of the two channels' parts; the zeros are none of the masks that were convolved.
+    count = marked.shape[1]
+    place = jnp.where(pairs < count, view[:, None] * count + pairs, len(of_masks))
+    parts = [take(part, place[:, i]) for i, part in enumerate(jnp.split(of_masks, 2, axis=-1))]
+    images = nn.relu(take(of_depth, view) + parts[0] + parts[1])
+    images = nn.relu(convolve(images, halving_kernel(layers[1]["kernel"])) + layers[1]["bias"])
+    images = nn.relu(convolve(pack(images), halving_kernel(layers[2]["kernel"])) + layers[2]["bias"])
+    dense = weights.parameters["image_dense"]
+    return images.reshape(images.shape[0], -1) @ dense["kernel"] + dense["bias"]
 
 
 def encode_symbols(weights: Weights, symbols: jax.Array) -> jax.Array:

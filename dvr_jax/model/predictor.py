@@ -160,8 +160,8 @@ def _encode_scene(
 ) -> _Codes:
     """Codes of one scene: depth (1, H, W), masks (1, M, H, W), pairs (P, 2), goal's tuple (), symbol and tuple of each
     action (A,)."""
-    first = jnp.zeros(len(pairs), jnp.int32)
-    images = encode_images(weights, depth, masks, first, pairs, first > 0)
+    only = jnp.zeros(1, jnp.int32)
+    images = encode_images(weights, depth, masks, only, only > 0, jnp.zeros(len(pairs), jnp.int32), pairs)
     return _Codes(encode_symbols(weights, symbols), images[tuples], images[goal])
 
 

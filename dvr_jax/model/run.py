@@ -20,15 +20,14 @@ import numpy as np
 
 from dvr_jax.errors import DvrError
 from dvr_jax.model.batches import (
+    Draws,
     ExamplesLike,
     SceneTable,
     assemble_batch,
     check_examples,
-    draw_rows,
     draw_turned,
     held_out_scenes,
     scene_table,
-    share_of_ones,
 )
 from dvr_jax.model.checkpoint import CheckpointFolder, Header, Kind, TrainingState, export_weights
 from dvr_jax.model.history import History, save_curves
@@ -65,8 +64,10 @@ class TrainOptions:
     """Sequences in a batch."""
     least_feasible: int = 16
     """Of these, drawn from the feasible ones."""
+    scenes: int = 12
+    """Distinct scenes in a batch; the fewer, the faster is a step."""
     turn: bool = True
-    """Show half of the sequences turned by 180 degrees, the arms exchanged."""
+    """Show half of the scenes turned by 180 degrees, the arms exchanged."""
     positive_weight: float | None = None
     """Weight of a target of 1 in the loss; by default zeros and ones weigh the same in the mean."""
     seed: int = 0
@@ -84,7 +85,15 @@ class TrainOptions:
 
     def check(self) -> None:
         """Refuse values that make no sense."""
-        for name in ("steps", "batch", "log_every", "validate_every", "checkpoint_every", "validation_sequences"):
+        for name in (
+            "steps",
+            "batch",
+            "scenes",
+            "log_every",
+            "validate_every",
+            "checkpoint_every",
+            "validation_sequences",
+        ):
             if getattr(self, name) < 1:
                 raise DvrError(f"--{name.replace('_', '-')} is {getattr(self, name)}; valid is 1 or more.")
         if self.seed < 0:
@@ -108,10 +117,8 @@ class TrainingData:
 
     examples: ExamplesLike
     table: SceneTable
-    rows: np.ndarray[Any, np.dtype[np.int64]]
+    draws: Draws
     """Sequences that are trained on."""
-    feasible: np.ndarray[Any, np.dtype[np.int64]]
-    """Of these, the feasible ones."""
     positive_weight: float
     validation: Validation | None
     fingerprint: str
@@ -132,10 +139,10 @@ def prepare(
         rows, validation_rows = rows[~aside], rows[aside]
         if not len(rows):
             raise DvrError(f"all {len(examples.scenes)} scenes are held out; give more scenes or a smaller --held-out.")
-    feasible = rows[np.asarray(examples.feasible)[rows]]
+    draws = Draws.of(examples, rows, options.scenes, options.batch, options.least_feasible)
     weight = options.positive_weight
     if weight is None:
-        share = share_of_ones(examples, rows, feasible, options.least_feasible / options.batch, options.kind)
+        share = draws.share_of_ones(examples, options.kind)
         weight = (1 - share) / share if 0 < share < 1 else 1.0
     limits = options.kind, weight, options.validation_sequences, options.validation_scenes
     validation = None
@@ -145,7 +152,7 @@ def prepare(
         validation = Validation.of(held_out, other, np.arange(len(held_out.scene)), *limits)
     elif len(validation_rows):
         validation = Validation.of(examples, table, validation_rows, *limits)
-    return TrainingData(examples, table, rows, feasible, weight, validation, _fingerprint(examples))
+    return TrainingData(examples, table, draws, weight, validation, _fingerprint(examples))
 
 
 def train(options: TrainOptions, data: TrainingData, network: NetworkConfig, say: Say = print) -> Weights:
@@ -164,8 +171,8 @@ def train(options: TrainOptions, data: TrainingData, network: NetworkConfig, say
     with History(options.out, state.step) as history:
         losses, clock = [], time.monotonic()
         for step in range(state.step + 1, options.steps + 1):
-            rows = draw_rows(data.rows, data.feasible, options.batch, options.least_feasible, options.seed, step)
-            turned = draw_turned(options.batch, options.seed, step) if options.turn else None
+            rows = data.draws.draw(options.seed, step)
+            turned = draw_turned(len(data.examples.scenes), options.seed, step) if options.turn else None
             batch = assemble_batch(data.examples, data.table, rows, options.kind, turned)
             weights, optimizer, loss = train_step(
                 weights, optimizer, data.table.depth, data.table.masks, batch, rate, positive
@@ -196,7 +203,7 @@ def train(options: TrainOptions, data: TrainingData, network: NetworkConfig, say
 
 def _course(options: TrainOptions, data: TrainingData) -> dict[str, Any]:
     """Everything on which the course of a run depends besides network, kind and domain; not when it ends."""
-    names = ("learning_rate", "batch", "least_feasible", "turn", "seed")
+    names = ("learning_rate", "batch", "least_feasible", "scenes", "turn", "seed")
     split = "separate" if options.validation else options.held_out
     return {
         **{name: getattr(options, name) for name in names},

@@ -29,8 +29,8 @@ ADAM = optax.scale_by_adam()
 
 def batch_logits(weights: Weights, depth: jax.Array, masks: jax.Array, batch: Batch) -> jax.Array:
     """Logits (B, K) of a batch, its images taken from depth (S, H, W) and masks (S, M, H, W)."""
-    shown = (jnp.asarray(value) for value in (batch.image_scene, batch.image_pair, batch.image_turned))
-    codes = encode_images(weights, depth, masks, *shown)
+    shown = (batch.view_scene, batch.view_turned, batch.image_view, batch.image_pair)
+    codes = encode_images(weights, depth, masks, *(jnp.asarray(value) for value in shown))
     symbols = encode_symbols(weights, jnp.asarray(batch.symbol))
     return run_sequence(weights, symbols, codes[jnp.asarray(batch.image)], codes[jnp.asarray(batch.goal_image)])
 

@@ -208,9 +208,7 @@ def test_overlapping_and_disagreeing_shards_are_refused(tmp_path: Path) -> None:
         ("a.parquet", [0], {"seed": 1, "out": Path()}, "cannot be written as JSON"),
     ],
 )
-def test_bad_requests(
-    name: str, indices: list[int], options: dict[str, object], message: str, tmp_path: Path
-) -> None:
+def test_bad_requests(name: str, indices: list[int], options: dict[str, object], message: str, tmp_path: Path) -> None:
     scenes = synthetic(0, 3, rows=1)[0]
     with pytest.raises(DvrError, match=message):
         write_shard(tmp_path / name, {index: scenes[index] for index in indices}, [], options)

@@ -5,19 +5,21 @@ from typing import Any
 import numpy as np
 import pytest
 from labelled import Examples, sided_examples
+from numpy.typing import NDArray
 
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import FACES
 from dvr_jax.model.batches import (
     IMAGE_BUCKET,
+    VIEW_BUCKET,
+    Draws,
     assemble_batch,
     check_examples,
-    draw_rows,
     draw_turned,
     held_out_scenes,
     scene_table,
-    share_of_ones,
 )
+from dvr_jax.model.checkpoint import Kind
 from dvr_jax.model.encoding import SYMBOLS, TURNED, direction
 from dvr_jax.model.images import scene_images, stack_images
 
@@ -44,9 +46,9 @@ def test_every_step_finds_symbol_and_masks_of_its_action() -> None:
             symbol = (action.operator, *words)
             second = number if symbol[-1] == "goal" else number + 1
             assert SYMBOLS[batch.symbol[b, k]] == symbol
-            assert batch.image_scene[batch.image[b, k]] == MIXED.scene[row]
+            assert batch.view_scene[batch.image_view[batch.image[b, k]]] == MIXED.scene[row]
             assert tuple(batch.image_pair[batch.image[b, k]]) == (scene.object_index(name), second)
-        assert batch.image_scene[batch.goal_image[b]] == MIXED.scene[row]
+        assert batch.view_scene[batch.image_view[batch.goal_image[b]]] == MIXED.scene[row]
         assert tuple(batch.image_pair[batch.goal_image[b]]) == (scene.goal_index, number)
         np.testing.assert_array_equal(batch.mask[b], np.arange(3) < MIXED.length[row])
         np.testing.assert_array_equal(batch.target[b], MIXED.targets[row])
@@ -55,22 +57,26 @@ def test_every_step_finds_symbol_and_masks_of_its_action() -> None:
 def test_each_image_is_encoded_once_for_all_steps_and_sequences() -> None:
     rows = np.arange(len(MIXED.scene))
     batch = assemble_batch(MIXED, TABLE, rows, "dvr")
-    shown = list(zip(batch.image_scene, *batch.image_pair.T, strict=True))
+    shown = list(zip(batch.image_view, *batch.image_pair.T, strict=True))
     assert batch.symbol.size > 500
     # With one object both tuples; with two, three actions never put the other object on the goal as well.
     assert len(set(shown)) == 2 * 2 + 3 * 3
     assert len(shown) == IMAGE_BUCKET
+    # Each of the five scenes is one view.
+    assert set(batch.view_scene) == set(range(5)) and len(batch.view_scene) == VIEW_BUCKET
 
 
-def test_turned_sequences_find_turned_images_and_symbols() -> None:
-    rows, turned = np.arange(40), np.arange(40) % 3 == 0
+def test_turned_scenes_are_turned_views_with_turned_symbols() -> None:
+    rows, turned = np.arange(0, len(MIXED.scene), 5), np.array([False, True, True, False, True])
     plain, batch = assemble_batch(MIXED, TABLE, rows, "dvr"), assemble_batch(MIXED, TABLE, rows, "dvr", turned)
-    np.testing.assert_array_equal(batch.symbol[turned], TURNED[plain.symbol[turned]])
-    np.testing.assert_array_equal(batch.symbol[~turned], plain.symbol[~turned])
-    np.testing.assert_array_equal(batch.image_turned[batch.image], np.repeat(turned[:, None], 3, axis=1))
-    np.testing.assert_array_equal(batch.image_turned[batch.goal_image], turned)
-    np.testing.assert_array_equal(batch.image_scene[batch.image], plain.image_scene[plain.image])
-    np.testing.assert_array_equal(batch.image_pair[batch.image], plain.image_pair[plain.image])
+    here = turned[MIXED.scene[rows]]
+    assert set(here) == {False, True}
+    np.testing.assert_array_equal(batch.symbol[here], TURNED[plain.symbol[here]])
+    np.testing.assert_array_equal(batch.symbol[~here], plain.symbol[~here])
+    np.testing.assert_array_equal(batch.view_turned, turned[batch.view_scene])
+    assert not plain.view_turned.any()
+    for name in ("view_scene", "image_view", "image_pair", "image", "goal_image", "target", "mask"):
+        np.testing.assert_array_equal(getattr(batch, name), getattr(plain, name))
     np.testing.assert_array_equal(draw_turned(48, 0, 7), draw_turned(48, 0, 7))
 
 
@@ -83,22 +89,42 @@ def test_classifier_learns_the_verdict_at_the_last_step_and_that_prefixes_of_fea
     np.testing.assert_array_equal(batch.target.max(axis=1) > 0, MIXED.feasible[rows])
 
 
-def test_draw_depends_on_seed_and_step_alone_and_holds_enough_feasible() -> None:
-    rows, feasible = np.arange(10_000), np.arange(0, 10_000, 500)
-    drawn = [draw_rows(rows, feasible, 48, 16, 3, step) for step in range(20)]
+def without_solutions(hopeless: tuple[int, ...]) -> NDArray[np.intp]:
+    """The sequences, but of some scenes only the infeasible ones."""
+    return np.flatnonzero(~(MIXED.feasible & np.isin(MIXED.scene, hopeless)))
+
+
+def test_draw_depends_on_seed_and_step_alone() -> None:
+    draws = Draws.of(MIXED, np.arange(len(MIXED.scene)), 3, 48, 16)
+    drawn = [draws.draw(3, step) for step in range(20)]
     for step, batch in enumerate(drawn):
-        assert len(batch) == 48 and np.isin(batch, feasible).sum() >= 16
-        np.testing.assert_array_equal(batch, draw_rows(rows, feasible, 48, 16, 3, step))
+        np.testing.assert_array_equal(batch, draws.draw(3, step))
     assert len({tuple(batch) for batch in drawn}) == 20
-    assert tuple(draw_rows(rows, feasible, 48, 16, 4, 0)) != tuple(drawn[0])
-    assert len(draw_rows(rows, feasible[:0], 48, 16, 3, 0)) == 48
+    assert tuple(draws.draw(4, 0)) != tuple(drawn[0])
 
 
-def test_share_of_ones_is_what_batches_hold_on_average() -> None:
-    rows, feasible = np.arange(len(MIXED.scene)), np.flatnonzero(MIXED.feasible)
-    batches = [assemble_batch(MIXED, TABLE, draw_rows(rows, feasible, 48, 16, 0, step), "dvr") for step in range(300)]
+def test_batch_is_dealt_out_to_its_scenes_and_holds_enough_feasible() -> None:
+    rows = without_solutions((0, 2, 3))
+    draws = Draws.of(MIXED, np.random.default_rng(0).permutation(rows), 2, 48, 16)
+    for step in range(50):
+        batch = draws.draw(0, step)
+        assert len(batch) == 48 and np.isin(batch, rows).all()
+        first, rest = MIXED.scene[batch[:16]], MIXED.scene[batch[16:]]
+        assert MIXED.feasible[batch[:16]].all() and set(first) == set(rest) - {0, 2, 3}
+        assert np.unique(rest, return_counts=True)[1].tolist() == [16, 16]
+    few = Draws.of(MIXED, without_solutions(tuple(range(5))), 12, 48, 16)
+    assert len(few.draw(0, 0)) == 48 and set(MIXED.scene[few.draw(0, 0)]) == set(range(5))
+
+
+@pytest.mark.parametrize("least_feasible", [16, 0])
+@pytest.mark.parametrize("kind", ["dvr", "classifier"])
+def test_share_of_ones_is_what_batches_hold_on_average(kind: Kind, least_feasible: int) -> None:
+    """Scenes without solutions, which draws with feasible sequences hold less often, have more and longer rows."""
+    rows = without_solutions((2, 3, 4))
+    draws = Draws.of(MIXED, rows[~((MIXED.scene[rows] < 2) & (MIXED.length[rows] > 2))], 2, 48, least_feasible)
+    batches = [assemble_batch(MIXED, TABLE, draws.draw(0, step), kind) for step in range(1_000)]
     share = sum(batch.target.sum() for batch in batches) / sum(batch.mask.sum() for batch in batches)
-    assert abs(share - share_of_ones(MIXED, rows, feasible, 1 / 3, "dvr")) < 0.01
+    assert abs(share - draws.share_of_ones(MIXED, kind)) < 0.01
 
 
 def test_held_out_scenes_stay_when_scenes_are_added() -> None:

@@ -1,4 +1,4 @@
-"""Images against the camera they come from, and their assembly against plain indexing."""
+"""Images against the camera they come from, and their views against plain indexing."""
 
 import math
 from dataclasses import replace
@@ -8,7 +8,7 @@ import numpy as np
 
 from dvr_jax.logic import Action, ground_actions
 from dvr_jax.model.encoding import TURNED, encode_actions
-from dvr_jax.model.images import MASK_VALUE, assemble_images, normalize_depth, scene_images, stack_images
+from dvr_jax.model.images import MASK_VALUE, normalize_depth, scene_images, show_scenes, stack_images
 from dvr_jax.scene.camera import render_depth
 from dvr_jax.scene.sampling import sample_scenes
 from dvr_jax.scene.validation import make_scene
@@ -30,19 +30,18 @@ def test_depth_is_zero_on_the_table_and_tells_heights_apart() -> None:
     assert abs(depths.mean()) < 0.3 and depths.min() >= -1 and depths.max() <= 1
 
 
-def test_assembly_puts_the_pair_behind_the_depth() -> None:
+def test_views_are_scenes_as_they_are_or_turned() -> None:
     scenes = [next(sample_scenes(1, number, 3)) for number in (1, 3)]
     stack = stack_images([scene_images(scene, 16) for scene in scenes], 3)
-    owner, pairs = np.array([1, 0, 1]), np.array([[2, 3], [0, 2], [1, 4]])
-    images = assemble_images(*(jnp.asarray(item) for item in (*stack, owner, pairs, np.array([False, False, True]))))
-    assert images.shape == (3, 16, 16, 3) and images.dtype == jnp.float32
-    for image, scene, (first, second) in zip(np.asarray(images), owner, pairs, strict=True):
+    owner, turned = np.array([1, 0, 1]), np.array([False, False, True])
+    depth, masks = show_scenes(*(jnp.asarray(item) for item in (*stack, owner, turned)))
+    assert depth.dtype == masks.dtype == jnp.float32 and masks.shape == (3, 5, 16, 16)
+    for view, (scene, back) in enumerate(zip(owner, turned, strict=True)):
         alone = scene_images(scenes[scene], 16)
-        if (first, second) == (1, 4):
-            image = image[::-1, ::-1]
-        np.testing.assert_array_equal(image[..., 0], alone.depth)
-        np.testing.assert_array_equal(image[..., 1], MASK_VALUE * alone.masks[first])
-        np.testing.assert_array_equal(image[..., 2], MASK_VALUE * alone.masks[second])
+        place = np.s_[..., ::-1, ::-1] if back else np.s_[...]
+        np.testing.assert_array_equal(depth[view], alone.depth[place])
+        np.testing.assert_array_equal(masks[view, : len(alone.masks)], MASK_VALUE * alone.masks[place])
+        assert not np.asarray(masks[view, len(alone.masks) :]).any()
 
 
 def test_a_turned_scene_has_turned_images_and_turned_symbols() -> None:

@@ -1,5 +1,6 @@
 """The network against SciPy's correlation, the GRU's equations and flax's own cell; scan against single steps."""
 
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -12,7 +13,9 @@ from scipy.signal import correlate2d
 
 from dvr_jax.errors import DvrError
 from dvr_jax.model.network import (
+    Network,
     NetworkConfig,
+    Parameters,
     Weights,
     encode_images,
     encode_symbols,
@@ -46,19 +49,49 @@ def convolve(image: NDArray[Any], layer: Any, stride: int) -> NDArray[Any]:
 
 def test_image_encoder_is_three_correlations_and_a_dense_layer() -> None:
     weights = random_weights(SMALL)
-    generator = np.random.default_rng(0)
-    depth = generator.normal(size=(1, 16, 16)).astype(np.float32)
-    masks = generator.integers(0, 2, (1, 3, 16, 16)).astype(np.uint8)
-    pair = np.array([[0, 2]], np.int32)
-    code = jax.jit(encode_images)(
-        weights, jnp.asarray(depth), jnp.asarray(masks), jnp.zeros(1, jnp.int32), jnp.asarray(pair), jnp.zeros(1) > 0
-    )
-    image: NDArray[Any] = np.stack([depth[0], 16.0 * masks[0, 0], 16.0 * masks[0, 2]], axis=-1).astype(float)
+    image: NDArray[Any] = np.random.default_rng(0).normal(size=(16, 16, 3)).astype(np.float32)
+    network, variables = weights.network()
+    code = network.apply(variables, image[None], method=Network.encode_images)
     for i, stride in enumerate((1, 2, 2)):
         image = convolve(image, weights.parameters[f"convolutions_{i}"], stride)
     dense = weights.parameters["image_dense"]
     expected = image.ravel() @ np.asarray(dense["kernel"], float) + np.asarray(dense["bias"], float)
     np.testing.assert_allclose(np.asarray(code)[0], expected, rtol=1e-4, atol=1e-5)
+
+
+def test_fast_encoder_is_the_network_on_whole_images_in_values_and_gradients() -> None:
+    size, number = 24, 8
+    config = replace(SMALL, image_size=size)
+    weights = random_weights(config)
+    generator = np.random.default_rng(0)
+    depth = generator.uniform(-1, 1, (5, size, size)).astype(np.float32)
+    masks = generator.random((5, 4, size, size)) < 0.3
+    masks[:, -1] = False
+    scene, turned = np.array([4, 1, 1, 0]), np.array([False, True, False, True])
+    view, pairs = generator.integers(0, 4, number), generator.integers(0, 4, (number, 2))
+    view[-1], pairs[-1] = view[0], (1, 3)
+    target = generator.normal(size=(number, config.dense)).astype(np.float32)
+
+    def fast(parameters: Parameters) -> tuple[jax.Array, jax.Array]:
+        arrays = (jnp.asarray(item) for item in (depth, masks.astype(np.uint8), scene, turned, view, pairs))
+        codes = encode_images(Weights(parameters, config), *arrays)
+        return jnp.vdot(codes, target) / number, codes
+
+    images = np.zeros((number, size, size, 3), np.float32)
+    for image, which, pair in zip(images, view, pairs, strict=True):
+        channels = np.stack([depth[scene[which]], *(16.0 * masks[scene[which], pair])], axis=-1)
+        image[:] = channels[::-1, ::-1] if turned[which] else channels
+
+    def plain(parameters: Parameters) -> tuple[jax.Array, jax.Array]:
+        codes: Any = Network(config).apply({"params": parameters}, images, method=Network.encode_images)
+        return jnp.vdot(codes, target) / number, codes
+
+    (_, mine), my_gradient = jax.jit(jax.value_and_grad(fast, has_aux=True))(weights.parameters)
+    (_, theirs), their_gradient = jax.jit(jax.value_and_grad(plain, has_aux=True))(weights.parameters)
+    np.testing.assert_allclose(mine, theirs, rtol=1e-5, atol=1e-5 * float(jnp.abs(theirs).max()))
+    for one, other in zip(*map(jax.tree.leaves, (my_gradient, their_gradient)), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-5 * float(jnp.abs(other).max()))
+    assert float(jnp.abs(my_gradient["convolutions_0"]["kernel"]).min()) > 0
 
 
 def test_step_is_a_gru_and_a_linear_layer() -> None:
@@ -122,6 +155,7 @@ def test_parameters_are_single_precision_whatever_the_default() -> None:
     ("wrong", "message"),
     [
         ({"image_size": 4}, "size is 4"),
+        ({"image_size": 66}, "size is 66 pixels; valid are multiples of 4 from 8 to 1024"),
         ({"hidden": 0}, "hidden is 0"),
         ({"channels": (5, 0, 10)}, "channels is \\(5, 0"),
     ],

@@ -11,7 +11,7 @@ from dvr_jax.logic import FACES, enumerate_sequences
 from dvr_jax.model import predictor as module
 from dvr_jax.model.checkpoint import Header, export_weights
 from dvr_jax.model.encoding import SYMBOLS, direction
-from dvr_jax.model.images import assemble_images, scene_images
+from dvr_jax.model.images import MASK_VALUE, scene_images
 from dvr_jax.model.network import Network, NetworkConfig, initial_weights
 from dvr_jax.model.predictor import BATCH_SIZES, Predictor
 from dvr_jax.scene.sampling import SceneDistribution, sample_scenes
@@ -30,11 +30,8 @@ def test_steps_are_the_network_on_the_actions_images(number: int) -> None:
     images = scene_images(scene, 16)
 
     def encode(first: int, second: int) -> object:
-        pair = jnp.array([[first, second]])
-        image = assemble_images(
-            jnp.asarray(images.depth)[None], jnp.asarray(images.masks)[None], jnp.zeros(1, int), pair, jnp.zeros(1) > 0
-        )
-        return network.apply(variables, image, method=Network.encode_images)
+        image = np.stack([images.depth, *(MASK_VALUE * images.masks[[first, second]])], axis=-1, dtype=np.float32)
+        return network.apply(variables, image[None], method=Network.encode_images)
 
     goal = encode(scene.goal_index, number)
     mine, theirs = code.initial_hidden(), jnp.zeros((1, 13), jnp.float32)

@@ -31,6 +31,7 @@ OPTIONS = TrainOptions(
     image_size=24,
     batch=15,
     least_feasible=5,
+    scenes=4,
     held_out=0.2,
     steps=24,
     log_every=4,
@@ -62,13 +63,13 @@ def test_learns_which_arm_is_on_the_objects_side(tmp_path: Path) -> None:
     lines: list[str] = []
     train(replace(options, validate_every=120), data, SMALL, lines.append)
     weights, _ = load_weights(tmp_path / "network.npz")
-    batch = assemble_batch(EXAMPLES, data.table, data.rows, "dvr")
+    batch = assemble_batch(EXAMPLES, data.table, data.draws.rows, "dvr")
     _, _, logits = evaluate_batch(weights, data.table.depth, data.table.masks, batch, jnp.float32(1))
     counts = batch.mask > 0
     assert np.mean((np.asarray(logits) > 0)[counts] == (batch.target > 0.5)[counts]) > 0.95
 
     # What the searches load says the same of a scene that was trained on, and files are there to look at.
-    predictor, scene = Predictor.load(tmp_path / "network.npz"), EXAMPLES.scenes[EXAMPLES.scene[data.rows[0]]]
+    predictor, scene = Predictor.load(tmp_path / "network.npz"), EXAMPLES.scenes[EXAMPLES.scene[data.draws.rows[0]]]
     code = predictor.begin(scene)
     probabilities, _ = predictor.step(code, code.initial_hidden(24), range(24))
     wanted = "left" if scene.objects[scene.goal_index].position[0] < 0 else "right"
@@ -148,8 +149,9 @@ def test_command_trains_a_classifier_on_separate_held_out_scenes(
     [
         ("--least-feasible 49", "--least-feasible is 49; valid is 0 to 48, the batch."),
         ("--checkpoint-every 150", "--checkpoint-every is 150; valid is a multiple of --log-every 100."),
+        ("--scenes 0", "--scenes is 0; valid is 1 or more."),
         ("--learning-rate 0", "--learning-rate is 0.0; valid is a positive number."),
-        ("--image-size 2", "the images' size is 2 pixels; valid are 8 to 1024."),
+        ("--image-size 2", "the images' size is 2 pixels; valid are multiples of 4 from 8 to 1024."),
         ("--held-out 1", "the held-out fraction is 1.0; valid is from 0 to below 1."),
     ],
 )
