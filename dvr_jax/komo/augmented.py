@@ -36,7 +36,7 @@ class Settings(NamedTuple):
     """Factor of the penalty where the violation did not fall to `sufficient_decrease` of its last value."""
     penalty_limit: float = 1e7
     sufficient_decrease: float = 0.5
-    step_limit: float = 0.8
+    step_limit: float = 0.5
     """Largest change of one variable in one iteration; the whole step is scaled."""
     step_tolerance: float = 1e-2
     """A subproblem has ended when no variable moved more than this ..."""
