@@ -70,6 +70,15 @@ def refute(scene: Scene, action: Action) -> str | None:
     return None
 
 
+def is_duplicate(scene: Scene, action: Action) -> bool:
+    """Whether an action is the same as another one by another name: a cylinder's faces are not distinguished, and a
+    grasp at +x, whose yaw is free, stands for all four."""
+    if action.operator != "grasp":
+        return False
+    _, face, name = action.arguments
+    return scene.objects[scene.object_index(name)].shape == "cylinder" and face != FACES[0]
+
+
 def _grasp_room(item: SceneObject, face: str) -> tuple[float, float]:
     """Half ranges of the gripper's centre along the face's tangent and along the object's axis [m]."""
     half = item.half_extents

@@ -32,7 +32,7 @@ from dvr_jax.komo.engine import (
 )
 from dvr_jax.komo.particles import UNREACHABLE, Particles, empty_prefix
 from dvr_jax.komo.problem import ABSENT, Problem
-from dvr_jax.komo.transcription import refute, transcribe
+from dvr_jax.komo.transcription import is_duplicate, refute, transcribe
 from dvr_jax.logic import Action, Grounding, ground_actions
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.work import Extend, Solve, Steps
@@ -138,11 +138,13 @@ class SequenceTree:
         return [actions[i] for i in self.grounding.applicable(node.state) if self._refuted[actions[i]] is not None]
 
     def expand(self, node: Node) -> list[Node]:
-        """Children of a node that pass the symbolic bound."""
+        """Children of a node that pass the symbolic bound, each once."""
         if node.children is None:
             node.children = []
             for index in self.grounding.applicable(node.state):
                 action = self.grounding.actions[index]
+                if is_duplicate(self.scene, action):
+                    continue
                 after = self.grounding.successor(node.state, index)
                 if not self.grounding.can_reach_goal(after, self.k_max - node.depth - 1):
                     continue

@@ -21,6 +21,15 @@ def verdicts_of_goal_sequences(side: float) -> list[bool | None]:
     return [place.feasible for place in places]
 
 
+def test_a_cylinder_is_grasped_at_one_face_for_all() -> None:
+    box = SceneObject("a", "box", (0.05, 0.05, 0.1), (-0.3, 0.3), 0.3)
+    can = SceneObject("b", "cylinder", (0.03, 0.1), (-0.3, -0.3), 0.0)
+    tree = SequenceTree(Scene((box, can), Goal("a", Region((-0.1, -0.2), 0.2, (0.1, 0.1)))), k_max=3)
+    grasped = [child.actions[0].arguments[1:] for child in tree.expand(tree.root)]
+    assert grasped.count(("+x", "b")) == 2 and len([name for _, name in grasped if name == "b"]) == 2
+    assert len([name for _, name in grasped if name == "a"]) == 8
+
+
 def test_an_object_larger_than_its_region_is_refuted() -> None:
     assert not any(verdicts_of_goal_sequences(0.10))
 
