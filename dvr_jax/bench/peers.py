@@ -10,10 +10,8 @@ solutions are judged a second time, as points of our NLP by our measure; feasibl
 
 from __future__ import annotations
 
-import json
 import math
 import os
-import platform
 import statistics
 import sys
 import time
@@ -29,6 +27,7 @@ import jax.numpy as jnp
 import numpy as np
 import tyro
 
+from dvr_jax.bench.ledger import Ledger
 from dvr_jax.bench.rai import (
     CLEARANCE,
     ROUNDING,
@@ -238,57 +237,29 @@ def use_one_core() -> None:
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
 
 
-def describe_machine() -> dict[str, object]:
-    """Processor, cores and versions."""
-    processor = platform.processor() or platform.machine()
-    cpuinfo = Path("/proc/cpuinfo")
-    if cpuinfo.exists():
-        models = [line for line in cpuinfo.read_text(encoding="utf-8").splitlines() if line.startswith("model name")]
-        processor = models[0].partition(":")[2].strip() if models else processor
-    versions = {name: version(name) for name in ("robotic", "jax", "mujoco", "numpy")}
-    return {"machine": processor, "cores": os.cpu_count(), "python": platform.python_version(), "versions": versions}
-
-
 def _header(options: PeersOptions) -> dict[str, object]:
     """What results must agree in to stand in one file."""
     chosen = asdict(options)
     for name in ("scenes", "out"):
         del chosen[name]
-    return {**chosen, "steps": STEPS_PER_PHASE, "rounding": ROUNDING, "clearance": CLEARANCE}
-
-
-def _read(options: PeersOptions) -> dict[int, list[dict[str, Any]]]:
-    """Results so far, by scene; a last line that was cut short is dropped."""
-    if options.out is None or not options.out.exists():
-        return {}
-    lines = options.out.read_text(encoding="utf-8").splitlines(keepends=True)
-    whole = [line for line in lines if line.endswith("\n")]
-    if len(whole) < len(lines):
-        options.out.write_text("".join(whole), encoding="utf-8")
-    if not whole:
-        return {}
-    header = json.loads(whole[0])
-    if header["options"] != _header(options):
-        raise DvrError(f"{options.out} holds results of other options: {header['options']}; choose another --out.")
-    return {int(row["scene"]): row["problems"] for row in map(json.loads, whole[1:])}
+    return {
+        **chosen,
+        "steps": STEPS_PER_PHASE,
+        "rounding": ROUNDING,
+        "clearance": CLEARANCE,
+        "robotic": version("robotic"),
+    }
 
 
 def _results(options: PeersOptions) -> Iterator[dict[str, Any]]:
-    done = _read(options)
-    file = options.out
-    if file is not None and not done:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(json.dumps({"options": _header(options), **describe_machine()}) + "\n", encoding="utf-8")
+    ledger = Ledger(options.out, _header(options))
     for index in range(options.scenes):
-        if index not in done:
+        if index not in ledger.rows:
             begin = time.monotonic()
-            done[index] = solve_scene(options, index)
-            if file is not None:
-                with file.open("a", encoding="utf-8") as out:
-                    out.write(json.dumps({"scene": index, "problems": done[index]}) + "\n")
-            words = f"{len(done[index])} problems, {time.monotonic() - begin:.0f} s"
+            ledger.add({"scene": index, "problems": solve_scene(options, index)})
+            words = f"{len(ledger.rows[index]['problems'])} problems, {time.monotonic() - begin:.0f} s"
             print(f"  scene {index}: {words}", file=sys.stderr, flush=True)
-        yield from done[index]
+        yield from ledger.rows[index]["problems"]
 
 
 def _side_by_side(rows: Sequence[dict[str, Any]], kind: str) -> str:

@@ -5,10 +5,8 @@ Every scene's result is one line of a JSON Lines file, written as soon as it is 
 from __future__ import annotations
 
 import hashlib
-import json
 import multiprocessing
 import os
-import platform
 import statistics
 import sys
 from collections import Counter
@@ -20,6 +18,7 @@ from pathlib import Path
 
 import tyro
 
+from dvr_jax.bench.ledger import Ledger
 from dvr_jax.errors import DvrError
 from dvr_jax.model.predictor import Predictor, load_network
 from dvr_jax.planner import plan
@@ -91,22 +90,6 @@ def _header(options: ScenesOptions) -> dict[str, object]:
     return chosen
 
 
-def _read(options: ScenesOptions) -> dict[int, dict[str, object]]:
-    """Results so far, by scene; a last line that was cut short is dropped."""
-    if options.out is None or not options.out.exists():
-        return {}
-    lines = options.out.read_text(encoding="utf-8").splitlines(keepends=True)
-    whole = [line for line in lines if line.endswith("\n")]
-    if len(whole) < len(lines):
-        options.out.write_text("".join(whole), encoding="utf-8")
-    if not whole:
-        return {}
-    header = json.loads(whole[0])
-    if header["options"] != _header(options):
-        raise DvrError(f"{options.out} holds results of other options: {header['options']}; choose another --out.")
-    return {int(row["scene"]): row for row in map(json.loads, whole[1:])}
-
-
 def results(options: ScenesOptions) -> Iterator[dict[str, object]]:
     """Rows of all scenes, those first that the file has."""
     if options.search not in SEARCHES:
@@ -115,24 +98,17 @@ def results(options: ScenesOptions) -> Iterator[dict[str, object]]:
         if options.network is None:
             raise DvrError(f"the search '{options.search}' needs a network; name its file by --network.")
         load_network(options.search, options.network)
-    done = _read(options)
-    yield from (row for index, row in done.items() if index < options.number)
-    todo = [index for index in range(options.number) if index not in done]
+    ledger = Ledger(options.out, _header(options))
+    yield from (row for index, row in ledger.rows.items() if index < options.number)
+    todo = [index for index in range(options.number) if index not in ledger.rows]
     if not todo:
         return
-    file = options.out
-    if file is not None and not done:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        machine = {"machine": platform.processor() or platform.machine(), "cores": os.cpu_count()}
-        file.write_text(json.dumps({"options": _header(options), **machine}) + "\n", encoding="utf-8")
     # Forked processes would share the parent's XLA threads, which do not survive a fork.
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(options.workers, context, _get_ready, (options,)) as pool:
         for future in as_completed([pool.submit(_plan_one, options, index) for index in todo]):
             row = future.result()
-            if file is not None:
-                with file.open("a", encoding="utf-8") as out:
-                    out.write(json.dumps(row) + "\n")
+            ledger.add(row)
             words = f"{row['status']}, {len(row['words'])} actions"  # type: ignore[arg-type]
             print(f"  scene {row['scene']}: {words}, {row['seconds']['total']} s", file=sys.stderr, flush=True)  # type: ignore[index]
             yield row

@@ -1,0 +1,62 @@
+"""Results of a benchmark in a JSON Lines file: a header with options and machine, then one row a scene, written as they
+come, so that a benchmark that was stopped goes on where it was."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from dvr_jax.errors import DvrError
+
+
+def describe_machine() -> dict[str, Any]:
+    """Processor, number of cores and versions."""
+    names = Path("/proc/cpuinfo").read_text().splitlines() if Path("/proc/cpuinfo").exists() else []
+    model = next((line.partition(":")[2].strip() for line in names if line.startswith("model name")), "")
+    versions = {name: version(name) for name in ("jax", "mujoco", "numpy")}
+    return {
+        "machine": model or platform.processor() or platform.machine(),
+        "cores": os.cpu_count(),
+        "versions": {"python": platform.python_version(), **versions},
+    }
+
+
+class Ledger:
+    """The rows of one file, by scene; without a file they are kept in memory alone."""
+
+    def __init__(self, path: Path | None, options: Mapping[str, Any]) -> None:
+        """Read what the file has; a last line that was cut short is dropped.
+
+        Raises DvrError where the file holds results of other options.
+        """
+        self.path, self.rows = path, dict[int, dict[str, Any]]()
+        if path is None:
+            return
+        plain = json.loads(json.dumps(options))
+        text = path.read_text(encoding="utf-8") if path.exists() else ""
+        whole = [line for line in text.splitlines(keepends=True) if line.endswith("\n")]
+        if not whole:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            whole = [json.dumps({"options": plain, **describe_machine()}) + "\n"]
+        if "".join(whole) != text:
+            path.write_text("".join(whole), encoding="utf-8")
+        try:
+            header, *rows = map(json.loads, whole)
+            self.rows = {int(row["scene"]): row for row in rows}
+            known = header["options"]
+        except (ValueError, LookupError, TypeError) as error:
+            raise DvrError(f"{path} holds no results of a benchmark ({error}); choose another --out.") from None
+        if known != plain:
+            raise DvrError(f"{path} holds results of other options: {known}; choose another --out.")
+
+    def add(self, row: dict[str, Any]) -> None:
+        """Keep a row; it has the key "scene"."""
+        self.rows[int(row["scene"])] = row
+        if self.path is not None:
+            with self.path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(row) + "\n")
