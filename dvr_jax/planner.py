@@ -95,7 +95,7 @@ def plan(
     begin = time.monotonic()
     # Tolerances of a micrometre need double precision. Set here and not on import, which must not change other users'
     # programs.
-    with jax.enable_x64(True), warming_up(len(scene.objects), k_max, network):
+    with jax.enable_x64(True), warming_up(scene, k_max, network):
         tree = SequenceTree(scene, k_max, seed, deadline=begin + time_limit)
         accepted: list[tuple[Motion, CheckReport]] = []
         check_seconds, rejected = 0.0, 0

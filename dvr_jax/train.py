@@ -8,10 +8,9 @@ XLA_FLAGS=--xla_gpu_deterministic_ops=true).
 
 from __future__ import annotations
 
-import importlib
-
 import tyro
 
+from dvr_jax.dataset import load_examples
 from dvr_jax.errors import run_command
 from dvr_jax.model.network import NetworkConfig
 from dvr_jax.model.run import TrainOptions, prepare, train
@@ -27,7 +26,6 @@ def main() -> int:
     options = tyro.cli(TrainOptions, prog="python -m dvr_jax.train")
     options.check()
     network = NetworkConfig(image_size=options.image_size, goal=options.kind == "dvr")
-    load_examples = importlib.import_module("dvr_jax.dataset").load_examples
     held_out = load_examples(options.validation) if options.validation else None
     data = prepare(options, load_examples(options.data), held_out, say)
     say(

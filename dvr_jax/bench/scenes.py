@@ -23,6 +23,7 @@ from dvr_jax.errors import DvrError
 from dvr_jax.model.predictor import Predictor, load_network
 from dvr_jax.planner import plan
 from dvr_jax.scene.sampling import SceneDistribution, ShapeChoice, sample_scenes
+from dvr_jax.scene.types import Scene
 from dvr_jax.search.run import EXHAUSTED
 from dvr_jax.search.searches import GUIDED, SEARCHES
 from dvr_jax.search.warm import warm_up
@@ -54,6 +55,11 @@ class ScenesOptions:
     """JSON Lines file of results; scenes that it already has are not planned again."""
 
 
+def _scene(options: ScenesOptions, index: int) -> Scene:
+    distribution = SceneDistribution(shape=options.shape)
+    return list(sample_scenes(index + 1, options.objects, options.seed, distribution))[index]
+
+
 @lru_cache(maxsize=1)
 def _network(path: Path | None) -> Predictor | None:
     return None if path is None else Predictor.load(path)
@@ -61,12 +67,11 @@ def _network(path: Path | None) -> Predictor | None:
 
 def _get_ready(options: ScenesOptions) -> None:
     """Compile or load everything before the first scene is timed."""
-    warm_up(options.objects, options.k_max, _network(options.network))
+    warm_up(_scene(options, 0), options.k_max, _network(options.network))
 
 
 def _plan_one(options: ScenesOptions, index: int) -> dict[str, object]:
-    distribution = SceneDistribution(shape=options.shape)
-    scene = list(sample_scenes(index + 1, options.objects, options.seed, distribution))[index]
+    scene = _scene(options, index)
     network = _network(options.network)
     result = plan(scene, options.search, options.k_max, seed=0, time_limit=options.time_limit, network=network)
     return {

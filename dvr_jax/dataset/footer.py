@@ -1,11 +1,8 @@
 """What a shard says about itself in its footer: what made it, with which options, and which scenes it covers."""
 
 import functools
-import hashlib
-import importlib.resources
 import json
 import platform
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -17,6 +14,7 @@ import msgspec
 
 import dvr_jax
 from dvr_jax.errors import DvrError
+from dvr_jax.logic import domain_signature
 
 SCHEMA_VERSION = 1
 """Counts up whenever a reader of the old files would misread the new ones."""
@@ -121,14 +119,6 @@ def _difference(own: Footer, other: Footer) -> str:
 
 def _same_option(own: Footer, other: Footer, name: str) -> bool:
     return name in own.options and name in other.options and bool(own.options[name] == other.options[name])
-
-
-@functools.cache
-def domain_signature() -> str:
-    """First 16 hexadecimal digits of the SHA-256 of `domain.pddl` without comments, case and spacing."""
-    text = importlib.resources.files("dvr_jax.logic").joinpath("domain.pddl").read_text(encoding="utf-8")
-    words = re.findall(r"[()]|[^\s()]+", re.sub(r";.*", "", text).lower())
-    return hashlib.sha256(" ".join(words).encode()).hexdigest()[:16]
 
 
 @functools.cache

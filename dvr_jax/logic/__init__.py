@@ -1,5 +1,6 @@
 """The symbolic layer: `domain.pddl`, its grounding to bit masks, states, goal and action sequences. No arrays here."""
 
+from dvr_jax.logic.domain import domain_signature
 from dvr_jax.logic.errors import SymbolicError
 from dvr_jax.logic.grounding import Action, Fact, Grounding
 from dvr_jax.logic.sequences import count_sequences, enumerate_sequences
@@ -14,6 +15,7 @@ __all__ = [
     "SymbolicError",
     "count_sequences",
     "describe",
+    "domain_signature",
     "enumerate_sequences",
     "ground_actions",
 ]

@@ -8,6 +8,7 @@ numbers of arguments or undeclared variables, so these are checked here.
 """
 
 import functools
+import hashlib
 import importlib.resources
 import re
 import sys
@@ -95,8 +96,18 @@ def read_domain(path: Path | None = None) -> SymbolicDomain:
     """The domain of a PDDL file; without a path, the package's own `domain.pddl`. A text is parsed once per process."""
     if path is not None:
         return parse_domain(path.read_text(encoding="utf-8"), str(path))
-    packaged = importlib.resources.files("dvr_jax.logic").joinpath("domain.pddl")
-    return parse_domain(packaged.read_text(encoding="utf-8"), "domain.pddl")
+    return parse_domain(_packaged(), "domain.pddl")
+
+
+def domain_signature(text: str | None = None) -> str:
+    """What a domain means, in 16 hexadecimal digits: a hash of its text (by default the package's own `domain.pddl`)
+    without comments, case and spacing. Labels and networks made under another one speak of other actions."""
+    text = re.sub(r";.*", "", _packaged() if text is None else text).lower()
+    return hashlib.sha256(" ".join(re.findall(r"[()]|[^\s()]+", text)).encode()).hexdigest()[:16]
+
+
+def _packaged() -> str:
+    return importlib.resources.files("dvr_jax.logic").joinpath("domain.pddl").read_text(encoding="utf-8")
 
 
 @functools.cache

@@ -10,13 +10,14 @@ import hashlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
+from dvr_jax.dataset import Examples
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import Grounding, ground_actions
 from dvr_jax.model.checkpoint import Kind
@@ -26,34 +27,6 @@ from dvr_jax.scene.types import Scene
 
 VIEW_BUCKET, IMAGE_BUCKET = 12, 16
 """The shown scenes and the images of a batch are padded to multiples of these, so that few shapes are compiled."""
-
-
-class ExamplesLike(Protocol):
-    """Labelled sequences, as `dvr_jax.dataset.Examples` holds them."""
-
-    @property
-    def scenes(self) -> Sequence[Scene]:
-        """The distinct scenes."""
-
-    @property
-    def scene(self) -> NDArray[np.int32]:
-        """Index into `scenes` (n,)."""
-
-    @property
-    def actions(self) -> NDArray[np.int32]:
-        """Indices into the scene's `Grounding.actions` (n, K); -1 behind the end."""
-
-    @property
-    def targets(self) -> NDArray[np.float32]:
-        """Whether each step is promising (n, K); 0 behind the end."""
-
-    @property
-    def length(self) -> NDArray[np.int32]:
-        """Number of actions (n,)."""
-
-    @property
-    def feasible(self) -> NDArray[np.bool_]:
-        """Whether the whole sequence is feasible (n,)."""
 
 
 class Batch(NamedTuple):
@@ -128,7 +101,7 @@ def scene_table(scenes: Sequence[Scene], images: ImageStack) -> SceneTable:
     )
 
 
-def check_examples(examples: ExamplesLike, source: str) -> None:
+def check_examples(examples: Examples, source: str) -> None:
     """Refuse examples that are empty or contradict themselves."""
     number, longest = len(examples.scene), examples.actions.shape[1] if examples.actions.ndim == 2 else 0
     if not number or not longest:
@@ -191,7 +164,7 @@ class Draws:
     """Of these, drawn from the feasible ones; 0 if there are none."""
 
     @staticmethod
-    def of(examples: ExamplesLike, rows: NDArray[np.integer], scenes: int, batch: int, least_feasible: int) -> Draws:
+    def of(examples: Examples, rows: NDArray[np.integer], scenes: int, batch: int, least_feasible: int) -> Draws:
         """Draws of these sequences (n,)."""
         scene = np.asarray(examples.scene)
         rows = rows[np.argsort(scene[rows], kind="stable")]
@@ -220,7 +193,7 @@ class Draws:
             ]
         )
 
-    def share_of_ones(self, examples: ExamplesLike, kind: Kind) -> float:
+    def share_of_ones(self, examples: Examples, kind: Kind) -> float:
         """Expected ones among a batch's targets, divided by the expected steps that count."""
         length = np.asarray(examples.length)
         if kind == "classifier":
@@ -259,7 +232,7 @@ def draw_turned(scenes: int, seed: int, step: int) -> NDArray[np.bool_]:
 
 
 def assemble_batch(
-    examples: ExamplesLike,
+    examples: Examples,
     table: SceneTable,
     rows: NDArray[np.integer],
     kind: Kind,

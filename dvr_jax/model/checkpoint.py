@@ -23,7 +23,7 @@ import orbax.checkpoint as ocp
 from flax import traverse_util
 
 from dvr_jax.errors import DvrError
-from dvr_jax.model.encoding import domain_signature
+from dvr_jax.model.encoding import input_signature
 from dvr_jax.model.network import NetworkConfig, Weights, initial_weights, parameter_shapes
 
 FORMAT = 1
@@ -41,8 +41,8 @@ class Header:
 
     kind: Kind
     config: NetworkConfig
-    domain: str = field(default_factory=domain_signature)
-    """`encoding.domain_signature()` of the code that trained it."""
+    domain: str = field(default_factory=input_signature)
+    """`encoding.input_signature()` of the code that trained it."""
     training: dict[str, Any] = field(default_factory=dict)
     """Options on which the course of the training depends, by name."""
 
@@ -67,10 +67,10 @@ class Header:
             raise DvrError(f"{source}: the header is incomplete or of another program ({error}).") from None
         if header.kind not in get_args(Kind):
             raise DvrError(f"{source}: the kind is {header.kind!r}; valid: {', '.join(get_args(Kind))}.")
-        if header.domain != domain_signature():
+        if header.domain != input_signature():
             raise DvrError(
                 f"{source}: it was trained for another symbolic domain (signature {header.domain}); valid is "
-                f"{domain_signature()}: train again, or use the domain.pddl that it was trained with."
+                f"{input_signature()}: train again, or use the domain.pddl that it was trained with."
             )
         return header
 

@@ -12,9 +12,7 @@ degrees with its sides exchanged.
 
 import hashlib
 import math
-import re
 from collections.abc import Sequence
-from importlib.resources import files
 from itertools import product
 from typing import NamedTuple
 
@@ -22,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvr_jax.errors import DvrError
-from dvr_jax.logic import ARMS, FACES, Grounding
+from dvr_jax.logic import ARMS, FACES, Grounding, domain_signature
 from dvr_jax.logic.errors import listed
 from dvr_jax.scene.types import Scene, SceneObject
 
@@ -101,13 +99,10 @@ def direction(face: str, item: SceneObject) -> str:
     return DIRECTIONS[(FACES.index(face) + round(item.yaw / (math.pi / 2))) % 4]
 
 
-def domain_signature(domain: str | None = None) -> str:
-    """What a network's inputs mean: a hash of a `domain.pddl` (this package's by default), comments and layout aside,
-    and of the list of symbols. A network whose signature differs was trained on other actions."""
-    if domain is None:
-        domain = files("dvr_jax.logic").joinpath("domain.pddl").read_text(encoding="utf-8")
-    rules = " ".join(re.sub(r";[^\n]*", "", domain).split())
-    return hashlib.sha256(repr((rules, SYMBOLS)).encode()).hexdigest()[:16]
+def input_signature() -> str:
+    """What a network's inputs mean: a hash of the domain and of the list of symbols. A network whose signature differs
+    was trained on other actions."""
+    return hashlib.sha256(repr((domain_signature(), SYMBOLS)).encode()).hexdigest()[:16]
 
 
 def _operators() -> str:

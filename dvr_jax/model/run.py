@@ -18,10 +18,10 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from dvr_jax.dataset import Examples
 from dvr_jax.errors import DvrError
 from dvr_jax.model.batches import (
     Draws,
-    ExamplesLike,
     SceneTable,
     assemble_batch,
     check_examples,
@@ -115,7 +115,7 @@ class TrainOptions:
 class TrainingData:
     """What a run trains on and is measured on."""
 
-    examples: ExamplesLike
+    examples: Examples
     table: SceneTable
     draws: Draws
     """Sequences that are trained on."""
@@ -126,7 +126,7 @@ class TrainingData:
 
 
 def prepare(
-    options: TrainOptions, examples: ExamplesLike, held_out: ExamplesLike | None, say: Say = print
+    options: TrainOptions, examples: Examples, held_out: Examples | None, say: Say = print
 ) -> TrainingData:
     """Check, split, render; `held_out` are separate held-out examples."""
     options.check()
@@ -213,7 +213,7 @@ def _course(options: TrainOptions, data: TrainingData) -> dict[str, Any]:
     }
 
 
-def _fingerprint(examples: ExamplesLike) -> str:
+def _fingerprint(examples: Examples) -> str:
     """Hash of scenes, sequences and labels."""
     digest = hashlib.sha256(repr(tuple(examples.scenes)).encode())
     for array in (examples.scene, examples.actions, examples.targets, examples.length, examples.feasible):

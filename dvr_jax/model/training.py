@@ -17,7 +17,8 @@ import numpy as np
 import optax
 from numpy.typing import NDArray
 
-from dvr_jax.model.batches import Batch, ExamplesLike, SceneTable, assemble_batch
+from dvr_jax.dataset import Examples
+from dvr_jax.model.batches import Batch, SceneTable, assemble_batch
 from dvr_jax.model.checkpoint import Kind
 from dvr_jax.model.metrics import average_precision, greedy_sequences
 from dvr_jax.model.network import Parameters, Weights, encode_images, encode_symbols, run_sequence
@@ -83,7 +84,7 @@ def train_step(
 class Validation:
     """Held-out sequences: rows of the examples, of which at most some thousand, evenly spread, are looked at."""
 
-    examples: ExamplesLike
+    examples: Examples
     table: SceneTable
     rows: NDArray[np.integer]
     """Sequences that are predicted (m,)."""
@@ -94,7 +95,7 @@ class Validation:
 
     @staticmethod
     def of(
-        examples: ExamplesLike,
+        examples: Examples,
         table: SceneTable,
         rows: NDArray[np.integer],
         kind: Kind,

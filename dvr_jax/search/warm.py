@@ -15,7 +15,7 @@ from dvr_jax.komo.particles import empty_prefix
 from dvr_jax.komo.problem import PARAMETERS, Variables
 from dvr_jax.komo.transcription import transcribe
 from dvr_jax.logic import Action
-from dvr_jax.scene.sampling import sample_scenes
+from dvr_jax.scene.types import Scene
 from dvr_jax.search.reasoning import Network
 from dvr_jax.search.run import REFINEMENTS
 from dvr_jax.search.tree import SequenceTree
@@ -25,7 +25,7 @@ _ready: set[tuple[int, int]] = set()
 
 
 def warm_up(
-    number_of_objects: int,
+    scene: Scene,
     k_max: int = 6,
     network: Network | None = None,
     stop: Callable[[], bool] = lambda: False,
@@ -33,9 +33,9 @@ def warm_up(
     """Run every program once: one iteration of each NLP of 1 to ``k_max`` actions, one query of the network.
 
     Args:
+        scene: any with the number of objects that is wanted; what it asks for is not solved.
         stop: asked between programs whether the rest is no longer needed.
     """
-    scene = next(sample_scenes(1, number_of_objects, seed=0))
     name = scene.goal.object
     # Whether these can be done does not matter; all kinds of extension occur.
     actions = [
@@ -55,7 +55,7 @@ def warm_up(
             if stop():
                 return
             solve([problem], [point], once)
-        particles = empty_prefix(number_of_objects, k_max)
+        particles = empty_prefix(len(scene.objects), k_max)
         for problem in problems:
             if stop():
                 return
@@ -70,17 +70,17 @@ def warm_up(
                     return
                 path = solve([path_problem(problem, starts[i])], [starts[i]], once)[0]
                 starts[i] = refined_start(problem, path)
-    _ready.add((number_of_objects, k_max))
+    _ready.add((len(scene.objects), k_max))
 
 
 @contextmanager
-def warming_up(number_of_objects: int, k_max: int, network: Network | None) -> Iterator[None]:
+def warming_up(scene: Scene, k_max: int, network: Network | None) -> Iterator[None]:
     """Compile on another core what the work inside will soon need, unless this process has it."""
-    if (number_of_objects, k_max) in _ready:
+    if (len(scene.objects), k_max) in _ready:
         yield
         return
     done = Event()
-    thread = Thread(target=warm_up, args=(number_of_objects, k_max, network, done.is_set))
+    thread = Thread(target=warm_up, args=(scene, k_max, network, done.is_set))
     thread.start()
     try:
         yield

@@ -158,7 +158,7 @@ def test_objects_face_to_face(level) -> None:
         compare_parameters(level, all_parameters(level), "object-object"),
     ):
         moving = (compared.analytic != 0).any(tuple(range(compared.analytic.ndim - 3)))
-        if (moving & faces).sum() < 3:
+        if (moving & faces).sum() < 5:
             raise ValueError("too few faces")
         compared.require_all(faces)
 

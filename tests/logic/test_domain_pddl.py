@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from dvr_jax.logic import Action, SymbolicError, count_sequences, describe, enumerate_sequences, ground_actions
-from dvr_jax.logic.domain import parse_domain, read_domain
+from dvr_jax.logic.domain import domain_signature, parse_domain, read_domain
 from dvr_jax.logic.grounder import Entity, ground_domain
 
 OURS = importlib.resources.files("dvr_jax.logic").joinpath("domain.pddl").read_text(encoding="utf-8")
@@ -185,3 +185,10 @@ def test_a_domain_that_does_not_fit_the_task(tmp_path: Path, old: str, new: str,
 
 def test_a_domain_is_parsed_once() -> None:
     assert read_domain() is read_domain()
+
+
+def test_signature_follows_rules_but_not_comments_case_or_spacing() -> None:
+    domain = "(define (domain d)\n (:action grasp)) ; a comment"
+    assert domain_signature(domain) == domain_signature("( define (DOMAIN d) (:action grasp))")
+    assert domain_signature(domain) != domain_signature(domain.replace("grasp", "push"))
+    assert domain_signature() != domain_signature(domain)

@@ -1,22 +1,10 @@
 """Synthetic labelled sequences in the data set's form, for the tests of the network."""
 
-from typing import NamedTuple
-
 import numpy as np
-from numpy.typing import NDArray
 
+from dvr_jax.dataset import Examples
 from dvr_jax.logic import enumerate_sequences, ground_actions
 from dvr_jax.scene.sampling import sample_scenes
-from dvr_jax.scene.types import Scene
-
-
-class Examples(NamedTuple):
-    scenes: list[Scene]
-    scene: NDArray[np.int32]
-    actions: NDArray[np.int32]
-    targets: NDArray[np.float32]
-    length: NDArray[np.int32]
-    feasible: NDArray[np.bool_]
 
 
 def sided_examples(number: int, seed: int, objects: int = 2, longest: int = 2) -> Examples:

@@ -4,9 +4,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from labelled import Examples, sided_examples
+from labelled import sided_examples
 from numpy.typing import NDArray
 
+from dvr_jax.dataset import Examples
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import FACES
 from dvr_jax.model.batches import (

@@ -8,7 +8,7 @@ import pytest
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import ground_actions
 from dvr_jax.logic.grounding import Action, Grounding
-from dvr_jax.model.encoding import SYMBOLS, direction, domain_signature, encode_actions, object_pairs
+from dvr_jax.model.encoding import SYMBOLS, direction, encode_actions, input_signature, object_pairs
 from dvr_jax.scene.types import SceneObject
 
 
@@ -66,13 +66,6 @@ def test_unknown_actions_are_refused(action: Action, message: str) -> None:
         encode_actions(grounding, boxes("a"))
 
 
-def test_signature_follows_rules_but_not_comments() -> None:
-    domain = "(define (domain d)\n (:action grasp)) ; a comment"
-    assert domain_signature(domain) == domain_signature("(define (domain d) (:action grasp))")
-    assert domain_signature(domain) != domain_signature(domain.replace("grasp", "push"))
-    assert domain_signature() == domain_signature() and object_pairs(1).tolist() == [[0, 2], [0, 1]]
-
-
 def test_faces_look_where_their_normals_point() -> None:
     ends = {"east": (1, 0), "north": (0, 1), "west": (-1, 0), "south": (0, -1)}
     for yaw in np.linspace(-7, 7, 57):
@@ -80,3 +73,13 @@ def test_faces_look_where_their_normals_point() -> None:
             normal = math.cos(yaw + math.radians(angle)), math.sin(yaw + math.radians(angle))
             expected = max(ends, key=lambda name: np.dot(ends[name], normal))
             assert direction(face, boxes("a", yaw=yaw)[0]) == expected
+
+
+def test_tuples_are_each_object_alone_and_on_the_goal() -> None:
+    assert object_pairs(1).tolist() == [[0, 2], [0, 1]]
+
+
+def test_a_network_is_refused_under_another_domain(monkeypatch: pytest.MonkeyPatch) -> None:
+    here = input_signature()
+    monkeypatch.setattr("dvr_jax.model.encoding.domain_signature", lambda: "another")
+    assert input_signature() != here
