@@ -3,7 +3,6 @@
 import sys
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -14,6 +13,7 @@ from labelled import sided_examples
 from PIL import Image
 
 from dvr_jax import train as command
+from dvr_jax.dataset import Examples
 from dvr_jax.errors import DvrError, run_command
 from dvr_jax.model.batches import assemble_batch
 from dvr_jax.model.checkpoint import load_weights
@@ -131,8 +131,11 @@ def test_command_trains_a_classifier_on_separate_held_out_scenes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     held_out = sided_examples(3, 9)
-    reader = SimpleNamespace(load_examples=lambda paths: held_out if paths == (Path("b"),) else EXAMPLES)
-    monkeypatch.setitem(sys.modules, "dvr_jax.dataset", reader)
+
+    def reader(paths: tuple[Path, ...]) -> Examples:
+        return held_out if paths == (Path("b"),) else EXAMPLES
+
+    monkeypatch.setattr("dvr_jax.train.load_examples", reader)
     arguments = "--data a --validation b --kind classifier --image-size 8 --batch 8 --least-feasible 2"
     arguments += " --steps 4 --log-every 2 --checkpoint-every 4"
     monkeypatch.setattr(sys, "argv", ["train", *arguments.split(), "--out", str(tmp_path)])
@@ -159,7 +162,7 @@ def test_bad_options_end_with_one_sentence(
     option: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     examples = sided_examples(1, 0)
-    monkeypatch.setitem(sys.modules, "dvr_jax.dataset", SimpleNamespace(load_examples=lambda paths: examples))
+    monkeypatch.setattr("dvr_jax.train.load_examples", lambda paths: examples)
     monkeypatch.setattr(sys, "argv", ["train", "--data", "a", "--out", str(tmp_path), *option.split()])
     with pytest.raises(SystemExit) as ended:
         run_command(command.main)
