@@ -44,7 +44,6 @@ from dvr_jax.bench.recall import judge_prefix, random_extension
 from dvr_jax.check.replay import check_motion
 from dvr_jax.errors import DvrError
 from dvr_jax.komo.augmented import Settings
-from dvr_jax.komo.constraints import samples_of
 from dvr_jax.komo.engine import STEPS_PER_PHASE, Solved, path_problem, stack
 from dvr_jax.komo.interpolation import interpolate
 from dvr_jax.komo.problem import Problem, Variables
@@ -149,7 +148,7 @@ def judge_point(problem: Problem, x: Variables) -> dict[str, float]:
         geometry.append(Geometry(measured.distance, measured.hand_R, measured.hand_p, measured.screws))
     seen, _ = judge(batch, settings, states, tuple(geometry))
     values = {name: float(value[0]) for name, value in seen.violations._asdict().items()}
-    M = samples_of(T, K)
+    M = problem.share.shape[1]
     distances = np.concatenate([np.asarray(piece.distance) for piece in geometry])[: T * M]
     at_slices = max(0.0, -float(distances[M - 1 :: M].min()))
     without = seen.violations._replace(penetration=jnp.zeros(lanes))
@@ -200,11 +199,7 @@ def compare(peer: PeerScene, actions: Sequence[Action], seed: int) -> dict[str, 
     if node.feasible:
         path, result = _our_path(tree, node)
         passed = path.feasible and _passes(scene, actions, problem, path.q, path.m)
-        row["path"]["ours"] = {**result, "passed": passed, "passed refined": passed}
-        if path.feasible and not passed:
-            finer = run_alone(tree.refine_path(node, path))
-            accepted = finer.feasible and _passes(scene, actions, problem, finer.q, finer.m)
-            row["path"]["ours"]["passed refined"] = accepted
+        row["path"]["ours"] = {**result, "passed": passed}
     if keyframes.feasible:
         solved = solve_peer(peer, build_path(peer, actions, keyframes, STEPS_PER_PHASE), seed)
         passed = solved.feasible and _passes(scene, actions, problem, *to_variables(problem, actions, solved))
@@ -285,8 +280,7 @@ def _side_by_side(rows: Sequence[dict[str, Any]], kind: str) -> str:
         cells.append(f"{within('ratio'):>4} of {len(found):>3}")
     else:
         cells.append(f"{within('ratio'):>4} {within('ratio at slices'):>4} of {len(found):>3}")
-        passed, refined = (sum(ours[name] for ours in ours_found) for name in ("passed", "passed refined"))
-        cells.append(f"{passed:>4} {refined:>4} of {len(ours_found):>3}")
+        cells.append(f"{sum(ours['passed'] for ours in ours_found):>4} of {len(ours_found):>3}")
         cells.append(f"{sum(theirs['passed'] for theirs in found):>4} of {len(found):>3}")
     return " | ".join(cells)
 

@@ -259,10 +259,7 @@ def _judge(scene: Scene, actions: Sequence[Action], is_path: bool) -> Steps[tupl
         path = yield from tree.solve_path(node, attempt)
         if not path.feasible:
             continue
-        if _passes(scene, node, path):
-            return True, True
-        finer = yield from tree.refine_path(node, path)
-        return True, finer.feasible and _passes(scene, node, finer)
+        return True, _passes(scene, node, path)
     return False, None
 
 

@@ -51,7 +51,7 @@ def total(row: Row) -> float:
 
 def paths(row: Row) -> int:
     """Path NLPs solved, those on twice the slices included."""
-    return int(row["nlps"].get("path", 0)) + int(row["nlps"].get("refined path", 0))
+    return int(row["nlps"].get("path", 0))
 
 
 def leaves(row: Row) -> int:

@@ -160,6 +160,7 @@ def _replay(scene: Scene, motion: Motion, story: tuple[_Span, ...], log: Finding
     data = mujoco.MjData(model)
     bodies = [model.body(object_body_name(item.name)).id for item in scene.objects]
     sites = [model.site(f"{arm}/gripper").id for arm in ARM_NAMES]
+    T = len(motion.qpos)
     labels = {body: model.body(body).name for body in range(model.nbody)}
     labels.update({body: _label(scene, index) for index, body in enumerate(bodies)})
     parts = ("hand", "finger_left", "finger_right")
@@ -172,25 +173,39 @@ def _replay(scene: Scene, motion: Motion, story: tuple[_Span, ...], log: Finding
                 return bool(grasped[sample, grippers[hand], bodies.index(thing)])
         return False
 
-    poses: list[tuple[Floats, ...]] = []
-    deepest = 0.0
+    # The arrays stay where they are from one sample to the next; only contacts move.
+    state = (data.xpos, data.xmat, data.site_xpos, data.site_xmat)
+    poses = [np.empty((T, *values.shape)) for values in state]
+    samples, depths, geoms = [np.empty(0, int)], [np.empty(0)], [np.empty((0, 2), int)]
     for sample, qpos in enumerate(motion.qpos):
         data.qpos[:] = qpos
         mujoco.mj_kinematics(model, data)
         mujoco.mj_collision(model, data)
-        poses.append((data.xpos[bodies], data.xmat[bodies], data.site_xpos[sites], data.site_xmat[sites]))
-        depths = -data.contact.dist
-        for contact in np.flatnonzero(depths > 0):
-            first, second = (int(model.geom_bodyid[geom]) for geom in data.contact.geom[contact])
-            if may_touch(sample, first, second):
-                continue
-            depth = float(depths[contact])
-            deepest = max(deepest, depth)
-            names = tuple(sorted((labels[first], labels[second])))
-            log.add("penetration", sample, names, depth, DEEPEST_CONTACT)
-    stacked = [np.stack(values) for values in zip(*poses, strict=True)]
-    matrices = [stacked[i].reshape(*stacked[i].shape[:2], 3, 3) for i in (1, 3)]
-    return _Replay(stacked[0], matrices[0], stacked[2], matrices[1]), deepest
+        for kept, values in zip(poses, state, strict=True):
+            kept[sample] = values
+        if data.ncon:
+            contact = data.contact
+            samples.append(np.full(data.ncon, sample))
+            depths.append(-contact.dist)
+            geoms.append(np.array(contact.geom))
+    sample_of, depth_of = np.concatenate(samples), np.concatenate(depths)
+    touching = model.geom_bodyid[np.concatenate(geoms)]
+    deepest = 0.0
+    for contact in np.flatnonzero(depth_of > 0):
+        first, second = map(int, touching[contact])
+        sample, depth = int(sample_of[contact]), float(depth_of[contact])
+        if may_touch(sample, first, second):
+            continue
+        deepest = max(deepest, depth)
+        names = tuple(sorted((labels[first], labels[second])))
+        log.add("penetration", sample, names, depth, DEEPEST_CONTACT)
+    position, rotation, site_position, site_rotation = poses
+    return _Replay(
+        position[:, bodies],
+        rotation[:, bodies].reshape(T, -1, 3, 3),
+        site_position[:, sites],
+        site_rotation[:, sites].reshape(T, -1, 3, 3),
+    ), deepest
 
 
 def _allowed_contacts(story: tuple[_Span, ...], samples: int, objects: int) -> NDArray[np.bool_]:

@@ -44,6 +44,8 @@ class Settings(NamedTuple):
     """... or after so many iterations."""
     damping: float = 1e-3
     """Initial damping, added to the diagonal."""
+    damping_floor: float = 0.5
+    """Least damping after a refused step, before it grows: below the curvature of the costs it changes nothing."""
     damping_limit: float = 1e4
     final_step: float = 1e-1
     """A feasible lane ends when its last accepted step was no longer than this."""
@@ -187,7 +189,9 @@ def advance(
         solve: step of a system with a damping, of the structure of `Lane.x`; NaN where it is indefinite.
     """
     accepted, first = judged.accepted, jnp.isinf(lane.value)
-    damping = jnp.where(accepted, jnp.maximum(lane.damping / 4, 1e-6), jnp.maximum(lane.damping, 1e-4) * 8)
+    damping = jnp.where(
+        accepted, jnp.maximum(lane.damping / 4, 1e-6), jnp.maximum(lane.damping, settings.damping_floor) * 8
+    )
     x, value, system, report = jax.tree.map(
         lambda new, old: jnp.where(accepted, new, old),
         (trial_point(lane), judged.value, system, report),

@@ -25,15 +25,6 @@ from dvr_jax.komo.modes import Attachment, object_poses
 from dvr_jax.komo.problem import Problem, Variables
 from dvr_jax.komo.slices import Slices
 
-PATH_SAMPLES = 3
-"""Samples of a slice at which a path's distances are taken: at the slice and evenly between it and the one before, on
-a straight line in joint space. With the slices alone a finger hops over an object's edge between two of them."""
-
-
-def samples_of(T: int, K: int) -> int:
-    """Samples of a slice: 1 for keyframes, which nothing connects."""
-    return PATH_SAMPLES if T > K else 1
-
 
 class Rows(NamedTuple):
     """Constraint residuals of B problems."""
@@ -102,23 +93,22 @@ def _attach(problem: Problem, m: Array, kind: Array, by: Array, of: Array | None
     )
 
 
-def sample_path(problem: Problem, q: Array, samples: int) -> Array:
+def sample_path(problem: Problem, q: Array) -> Array:
     """Joint angles (B, T', 14) at the samples of the slices (B, T, 14)."""
-    if samples == 1:
+    if problem.share.shape[-1] == 1:
         return q
     before = jnp.concatenate([problem.home[:, None], q[:, :-1]], axis=1)
-    share = jnp.arange(1, samples + 1, dtype=q.dtype)[:, None] / samples
-    return (before[:, :, None] + share * (q - before)[:, :, None]).reshape(q.shape[0], -1, q.shape[2])
+    line = before[:, :, None] + problem.share[..., None] * (q - before)[:, :, None]
+    return (line + problem.offset).reshape(q.shape[0], -1, q.shape[2])
 
 
 def lay_out(problem: Problem, x: Variables) -> Slices:
     """The samples of B problems (every leaf has a leading axis B) as L = B T' slices."""
-    B, T = x.q.shape[:2]
-    M = samples_of(T, x.m.shape[1])
+    B, T, M = problem.share.shape
     T *= M
     attached = _attach(problem, x.m, problem.attachment[:, :-1], problem.attached_by[:, :-1])
     return Slices(
-        q=jnp.moveaxis(sample_path(problem, x.q, M).reshape(B * T, 2, 7), (0, 1, 2), (2, 1, 0)),
+        q=jnp.moveaxis(sample_path(problem, x.q).reshape(B * T, 2, 7), (0, 1, 2), (2, 1, 0)),
         opening=_openings(problem, T, M),
         attached=jax.tree.map(lambda value: _phases_to_slices(value, T), attached),
         half=jnp.repeat(problem.half.transpose(2, 1, 0), T, axis=2),

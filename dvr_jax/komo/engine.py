@@ -14,7 +14,15 @@ import jax
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from dvr_jax.komo.augmented import FEASIBLE, RUNNING, Settings
+from dvr_jax.komo.augmented import FEASIBLE, ITERATION_LIMIT, RUNNING, Lane, Settings
+from dvr_jax.komo.between import (
+    BETWEEN_TOLERANCE,
+    EXCHANGES,
+    depths_between,
+    even_shares,
+    move_samples,
+    place_samples,
+)
 from dvr_jax.komo.particles import RANDOM_SHAPE, SHARES, Particles, case_of, extend
 from dvr_jax.komo.problem import HELD_LEFT, Problem, Variables
 from dvr_jax.komo.proposals import Extension
@@ -108,13 +116,16 @@ def extend_prefixes(parents: Sequence[Particles], problems: Sequence[Problem], s
 def solve(problems: Sequence[Problem], starts: Sequence[Variables], settings: Settings) -> list[Solved]:
     """Solve NLPs of one shape from one start each.
 
-    Lanes that have ended are filled again once `REFILLED` of them wait, so that the slow ones hold nobody up."""
+    Lanes that have ended are filled again once `REFILLED` of them wait, so that the slow ones hold nobody up. A path
+    whose motion penetrates between its samples goes on with other samples (`dvr_jax.komo.between`)."""
     if not problems:
         return []
     T, K = len(starts[0].q), len(starts[0].m)
-    lanes = PATH_LANES if T > K else CHUNK // K
+    is_path = T > K
+    lanes = PATH_LANES if is_path else CHUNK // K
     waiting = list(range(len(problems)))[::-1]
     results: list[Solved | None] = [None] * len(problems)
+    exchanges, spent = np.zeros((2, lanes), int)
     owner = [waiting.pop() if waiting else None for _ in range(lanes)]
     settings = jax.tree.map(lambda value: np.asarray(value, float if isinstance(value, float) else np.int32), settings)
     batch: Problem = stack([problems[i or 0] for i in owner])
@@ -126,6 +137,26 @@ def solve(problems: Sequence[Problem], starts: Sequence[Variables], settings: Se
         states, chunks = iterate(batch_on_device, settings, states, chunks)
         status = np.asarray(states.status)
         ended = [lane for lane, i in enumerate(owner) if i is not None and status[lane] != RUNNING]
+        found = [lane for lane in ended if status[lane] == FEASIBLE] if is_path else []
+        if found:
+            states = jax.tree.map(np.array, states)
+            depths = depths_between(batch, states)
+            for lane in found:
+                if depths[lane].max() <= BETWEEN_TOLERANCE:
+                    continue
+                if exchanges[lane] == EXCHANGES:
+                    states.report.penetration[lane], states.status[lane] = depths[lane].max(), ITERATION_LIMIT
+                    continue
+                exchanges[lane] += 1
+                spent[lane] += states.iterations[lane]
+                problem = jax.tree.map(lambda leaf, lane=lane: leaf[lane], batch)
+                moved = move_samples(problem, states.x.q[lane], depths[lane])
+                batch.share[lane], batch.offset[lane] = moved.share, moved.offset
+                _go_on(states, lane, settings)
+            status = states.status
+            ended = [lane for lane in ended if status[lane] != RUNNING]
+            batch_on_device = jax.device_put(batch)
+            chunks = lay_out_trial(batch, states)
         running = sum(i is not None for i in owner) - len(ended)
         if not ended or (running and len(ended) < REFILLED * lanes):
             continue
@@ -134,7 +165,8 @@ def solve(problems: Sequence[Problem], starts: Sequence[Variables], settings: Se
             i = owner[lane]
             assert i is not None
             x, violations, iterations = jax.tree.map(lambda leaf, lane=lane: leaf[lane], final)
-            results[i] = _solved(x, violations, iterations, int(status[lane]))
+            results[i] = _solved(x, violations, spent[lane] + iterations, int(status[lane]))
+            exchanges[lane] = spent[lane] = 0
             owner[lane] = waiting.pop() if waiting else None
         refilled = [lane for lane in ended if owner[lane] is not None]
         if refilled:
@@ -147,6 +179,17 @@ def solve(problems: Sequence[Problem], starts: Sequence[Variables], settings: Se
             chunks = lay_out_trial(batch, states)
         elif not running:
             return results  # type: ignore[return-value]
+
+
+def _go_on(states: Lane, lane: int, settings: Settings) -> None:
+    """Make a lane that has ended start again from its point, with its multipliers and penalty."""
+    for step in states.step:
+        step[lane] = 0
+    for value in (states.value, states.updated_ratio, states.best_ratio):
+        value[lane] = np.inf
+    for count in (states.inner, states.stale, states.iterations):
+        count[lane] = 0
+    states.damping[lane], states.status[lane] = settings.damping, RUNNING
 
 
 def _assign(target: Any, lanes: list[int], values: Any) -> None:
@@ -192,7 +235,7 @@ def path_start(problem: Problem, keyframes: Variables, steps: int = STEPS_PER_PH
 
 def path_problem(problem: Problem, start: Variables) -> Problem:
     """The path NLP of a sequence from its keyframe NLP: drawn to its start, and more so close to a switch, for the
-    arms that take part.
+    arms that take part; distances are taken on the motion through the start.
 
     Without it the shortest motion sweeps sideways into a grasp, and hops over the object's edge between two slices.
     """
@@ -204,7 +247,8 @@ def path_problem(problem: Problem, start: Variables) -> Problem:
         weight = np.where(np.repeat(resting, 7) > 0, NEAR_ATTRACTION, FAR_ATTRACTION)
         part = slice((k + 1) * S - 1 - near, (k + 1) * S + near)
         attraction[part] = np.maximum(attraction[part], weight)
-    return problem._replace(reference=start.q, attraction=attraction * (STEPS_PER_PHASE / S))
+    drawn = problem._replace(reference=start.q, attraction=attraction * (STEPS_PER_PHASE / S))
+    return place_samples(drawn, start.q, even_shares(T))
 
 
 def _clear_postures(problem: Problem, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -233,14 +277,6 @@ def _clear_postures(problem: Problem, q: np.ndarray) -> tuple[np.ndarray, np.nda
     for lane, (target, k, arm, _) in enumerate(tasks):
         target[k, 7 * arm : 7 * arm + 7] = shifted[lane]
     return coming, going
-
-
-def refined_start(problem: Problem, solution: Solved) -> Variables:
-    """A solved path with twice the slices: penetrations between two slices show up there and can be optimised away."""
-    T = len(solution.q)
-    knots = np.concatenate([problem.home[None], solution.q])
-    doubled = PchipInterpolator(np.arange(T + 1), knots, axis=0)(np.arange(1, 2 * T + 1) / 2)
-    return Variables(doubled, solution.m)
 
 
 def adopt(prefix: Particles, problem: Problem, solution: Solved) -> Particles:

@@ -1,25 +1,22 @@
 """From the slices of a solved path to a motion of the whole scene at ten times their rate.
 
-Joints run through the slices as monotone cubics (PCHIP), which keep an arm that rests between two slices at rest, so
-fingers open and close in that interval. Held objects are carried rigidly by the mode transforms of the NLP, placed
-with MuJoCo's own kinematics."""
+Joints run through the slices as monotone cubics, which keep an arm that rests between two slices at rest, so fingers
+open and close in that interval. Held objects are carried rigidly by the mode transforms of the NLP, placed with
+MuJoCo's own kinematics."""
 
 from __future__ import annotations
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import PchipInterpolator
 from scipy.spatial.transform import Rotation
 
 from dvr_jax.check.motion import Motion, make_motion
+from dvr_jax.komo.between import SAMPLES_PER_SLICE, joint_curve
 from dvr_jax.komo.problem import HELD_LEFT, PLACED, Problem
 from dvr_jax.scene.mjcf import build_model, qpos_layout
 from dvr_jax.scene.types import Scene
 from dvr_jax.scene.workspace import ARM_NAMES, JOINT_VELOCITY
-
-SAMPLES_PER_SLICE = 10
-"""Rate at which a motion is checked, per slice of the path."""
 
 SHORTEST_SLICE = 0.1
 """Shortest duration of a slice [s]; longer where a joint would exceed its velocity limit."""
@@ -40,10 +37,8 @@ def interpolate(scene: Scene, problem: Problem, q: Floats, m: Floats) -> Motion:
     """
     T, K = q.shape[0], m.shape[0]
     S, R = T // K, SAMPLES_PER_SLICE
-    knots = np.concatenate([problem.home[None], q])
-    slices = np.arange(T + 1)
     sampled = np.arange(T * R + 1) / R
-    joints = PchipInterpolator(slices, knots, axis=0)(sampled)
+    joints = joint_curve(problem.home, q)(sampled)
     fastest = (np.abs(np.diff(joints, axis=0)) * R / np.tile(JOINT_VELOCITY, 2)).max()
     duration = max(SHORTEST_SLICE, float(fastest) / VELOCITY_SHARE)
 

@@ -10,7 +10,7 @@ import numpy as np
 from jax import Array
 
 from dvr_jax.komo.banded import BorderedSystem
-from dvr_jax.komo.constraints import Rows, Slopes, samples_of
+from dvr_jax.komo.constraints import Rows, Slopes
 from dvr_jax.komo.problem import PARAMETERS, Problem, Variables
 from dvr_jax.komo.slices import Reduced
 from dvr_jax.komo.verdict import rest_steps
@@ -118,13 +118,14 @@ def gauss_newton_system(
     S, N, dtype = T // K, problem.half.shape[0], x.q.dtype
 
     # A sample between two slices depends on both: on slice t by its share s, on slice t - 1 by 1 - s.
-    M = samples_of(T, K)
-    share = np.arange(1, M + 1) / M
+    share = problem.share
+    M = share.shape[1]
 
-    def onto(weights: np.ndarray, value: Array) -> Array:
+    def onto(weights: Array, value: Array) -> Array:
         """Weighted sum of the M samples of each slice."""
         samples = value.reshape(T, M, *value.shape[1:])
-        return sum(float(weights[m]) * samples[:, m] for m in range(M) if weights[m] != 0)  # type: ignore[return-value]
+        weights = weights.reshape(T, M, *(1,) * (value.ndim - 1))
+        return sum(weights[:, m] * samples[:, m] for m in range(M))  # type: ignore[return-value]
 
     def shifted(value: Array) -> Array:
         """Values of slice t + 1 at slice t; what falls on the home posture before the first slice is dropped."""

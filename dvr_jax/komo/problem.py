@@ -65,3 +65,8 @@ class Problem(NamedTuple):
     """(K, 4) upper bounds; a parameter with lower = upper is pinned."""
     support: Array
     """(K, 5) the rectangle of a place: centre x, y, yaw, half extents; unused for a grasp."""
+    share: Array
+    """(T, M) where in the interval before each slice distances are taken, from 0 (the slice before) to 1 (this one);
+    increasing, the last one 1. Keyframes have M = 1: nothing connects them."""
+    offset: Array
+    """(T, M, 14) by how much the motion deviates from a straight line in joint space there [rad]."""

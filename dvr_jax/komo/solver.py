@@ -19,7 +19,7 @@ from dvr_jax.geometry.vectors import Rotation, Vector, materialize
 from dvr_jax.komo import augmented
 from dvr_jax.komo.augmented import RUNNING, Judged, Lane, Settings, trial_point
 from dvr_jax.komo.banded import BorderedSystem, solve_bordered
-from dvr_jax.komo.constraints import Slopes, collect, lay_out, samples_of
+from dvr_jax.komo.constraints import Slopes, collect, lay_out
 from dvr_jax.komo.contacts import number_of_rows
 from dvr_jax.komo.lagrangian import EQUALITIES, WEIGHTS, Residuals, cost, gauss_newton_system, residuals, scales
 from dvr_jax.komo.problem import PARAMETERS, Problem, Variables
@@ -62,7 +62,7 @@ def start(problems: Problem, x: Variables, settings: Settings) -> Lane:
         x=x,
         step=Variables(np.zeros_like(x.q), np.zeros_like(x.m)),
         multipliers=(
-            zeros(T * samples_of(T, K), number_of_rows(N)), zeros(K, 6), zeros(K, D), zeros(2, T, D),
+            zeros(T * problems.share.shape[2], number_of_rows(N)), zeros(K, 6), zeros(K, D), zeros(2, T, D),
             zeros(2, K, PARAMETERS), zeros(K, 4),
         ),
         penalty=np.full(B, settings.penalty, dtype),

@@ -189,4 +189,6 @@ def transcribe(scene: Scene, actions: Sequence[Action], ignored: Sequence[str] =
         lower=floats(draft.lower),
         upper=floats(draft.upper),
         support=floats(draft.support),
+        share=np.ones((len(actions), 1)),
+        offset=np.zeros((len(actions), 1, 14)),
     )

@@ -125,9 +125,7 @@ class TrainingData:
     """Hash of the examples."""
 
 
-def prepare(
-    options: TrainOptions, examples: Examples, held_out: Examples | None, say: Say = print
-) -> TrainingData:
+def prepare(options: TrainOptions, examples: Examples, held_out: Examples | None, say: Say = print) -> TrainingData:
     """Check, split, render; `held_out` are separate held-out examples."""
     options.check()
     check_examples(examples, "--data")

@@ -10,7 +10,7 @@ Bodies and geoms: "left/..." and "right/..." as in `panda.xml`; "table"; "object
 
 import math
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from importlib.resources import files
 from urllib.parse import quote
 
@@ -125,8 +125,9 @@ def build_model_spec(scene: Scene) -> mujoco.MjSpec:
     return spec
 
 
+@lru_cache(maxsize=64)
 def build_model(scene: Scene) -> mujoco.MjModel:
-    """The scene's compiled model."""
+    """The scene's compiled model, kept and shared: not to be changed (`build_model_spec` gives one of your own)."""
     return build_model_spec(scene).compile()
 
 

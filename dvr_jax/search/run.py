@@ -20,9 +20,6 @@ Progress = Callable[[str], None]
 
 SOLVED, EXHAUSTED, TIME_LIMIT = "solved", "tree exhausted", "time limit"
 
-REFINEMENTS = 1
-"""How often the slices of a path are doubled when the check finds something between them."""
-
 
 @dataclass(slots=True)
 class Outcome:
@@ -92,16 +89,12 @@ class Run:
                 solved = yield from self.tree.solve_path(node, attempt)
             words = "feasible" if solved.feasible else f"violation {solved.ratio:.1f} times the tolerance"
             self.progress(f"path of {' '.join(str(action) for action in node.actions)}: {words}")
-            for refinement in range(REFINEMENTS + 1):
-                if not solved.feasible:
-                    node.violation = min(solved.ratio, node.violation)  # NaN is no smaller than anything
-                    break
-                node.refuted_by = "check"
-                if self.accept(node, solved):
-                    node.solved, node.refuted_by, node.violation = True, "", solved.ratio
-                    self.tree.counts.feasible["path"] += 1
-                    return Outcome(SOLVED, node, solved, self.seconds)
-                if refinement < REFINEMENTS:
-                    with self.timed("path"):
-                        solved = yield from self.tree.refine_path(node, solved)
+            if not solved.feasible:
+                node.violation = min(solved.ratio, node.violation)  # NaN is no smaller than anything
+                continue
+            node.refuted_by = "check"
+            if self.accept(node, solved):
+                node.solved, node.refuted_by, node.violation = True, "", solved.ratio
+                self.tree.counts.feasible["path"] += 1
+                return Outcome(SOLVED, node, solved, self.seconds)
         return None

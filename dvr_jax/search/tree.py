@@ -28,7 +28,6 @@ from dvr_jax.komo.engine import (
     keyframe_start,
     path_problem,
     path_start,
-    refined_start,
 )
 from dvr_jax.komo.particles import UNREACHABLE, Particles, empty_prefix
 from dvr_jax.komo.problem import ABSENT, Problem
@@ -104,7 +103,7 @@ class Counts:
     """How many NLPs were solved and verdicts taken, by bound."""
 
     nlps: Counter[str] = field(default_factory=Counter)
-    """NLP solves (starts count singly): "pose", "sequence", "path", "refined path"."""
+    """NLP solves (starts count singly): "pose", "sequence", "path"."""
     verdicts: Counter[str] = field(default_factory=Counter)
     """Prefixes judged, by bound, those that a particle proved feasible or the scene refuted included."""
     feasible: Counter[str] = field(default_factory=Counter)
@@ -302,15 +301,6 @@ class SequenceTree:
         keyframes = keyframe_start(node.particles, attempt * (good // self.path_attempts(node)), node.depth)
         start = path_start(node.problem, keyframes)
         self.counts.nlps["path"] += 1
-        solved = yield Solve([path_problem(node.problem, start)], [start], self.settings)
-        return solved[0]
-
-    def refine_path(self, node: Node, path: Solved) -> Steps[Solved]:
-        """The same path solved again with twice the slices, from a solution that is wrong between its slices."""
-        assert node.problem is not None
-        self.look_at_the_clock()
-        self.counts.nlps["refined path"] += 1
-        start = refined_start(node.problem, path)
         solved = yield Solve([path_problem(node.problem, start)], [start], self.settings)
         return solved[0]
 

@@ -10,14 +10,13 @@ import jax
 import jax.numpy as jnp
 
 from dvr_jax.komo.augmented import Settings
-from dvr_jax.komo.engine import extend_prefixes, path_problem, path_start, refined_start, solve
+from dvr_jax.komo.engine import extend_prefixes, path_problem, path_start, solve
 from dvr_jax.komo.particles import empty_prefix
 from dvr_jax.komo.problem import PARAMETERS, Variables
 from dvr_jax.komo.transcription import transcribe
 from dvr_jax.logic import Action
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.reasoning import Network
-from dvr_jax.search.run import REFINEMENTS
 from dvr_jax.search.tree import SequenceTree
 
 _ready: set[tuple[int, int]] = set()
@@ -64,12 +63,10 @@ def warm_up(
             code = network.begin(scene, SequenceTree(scene, k_max).grounding)
             network.step(code, code.initial_hidden(1), [0])
         starts = [path_start(problem, point) for problem, point in zip(problems, keyframes, strict=True)]
-        for _ in range(REFINEMENTS + 1):
-            for i, problem in enumerate(problems):
-                if stop():
-                    return
-                path = solve([path_problem(problem, starts[i])], [starts[i]], once)[0]
-                starts[i] = refined_start(problem, path)
+        for problem, point in zip(problems, starts, strict=True):
+            if stop():
+                return
+            solve([path_problem(problem, point)], [point], once)
     _ready.add((len(scene.objects), k_max))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from dvr_jax.komo.constraints import PATH_SAMPLES
+from dvr_jax.komo.between import PATH_SAMPLES
 from dvr_jax.komo.problem import FIXED, PLACED, Problem, Variables
 from dvr_jax.komo.transcription import transcribe
 from dvr_jax.logic import Action
@@ -78,7 +78,7 @@ class Case:
     @property
     def samples(self) -> int:
         """Samples of a slice at which distances are taken."""
-        return PATH_SAMPLES if self.steps > 1 else 1
+        return self.problems.share.shape[2]
 
     @property
     def number_of_samples(self) -> int:
@@ -88,15 +88,16 @@ class Case:
     def phase(self, sample: int) -> int:
         return sample // (self.steps * self.samples)
 
-    def share(self, sample: int) -> float:
+    def share(self, b: int, sample: int) -> float:
         """How far a sample is from the slice before (0) to its own (1)."""
-        return (sample % self.samples + 1) / self.samples
+        return float(self.problems.share[b, sample // self.samples, sample % self.samples])
 
     def posture(self, b: int, sample: int) -> Floats:
-        """Joint angles (14,) on the straight line that starts at home."""
+        """Joint angles (14,) beside the straight line from the slice before, the first of which is home."""
         knots = np.concatenate([self.problems.home[b][None], self.x.q[b]])
-        t, share = sample // self.samples, self.share(sample)
-        return (1 - share) * knots[t] + share * knots[t + 1]
+        t, share = sample // self.samples, self.share(b, sample)
+        line = (1 - share) * knots[t] + share * knots[t + 1]
+        return line + self.problems.offset[b, t, sample % self.samples]
 
 
 def stack(problems: Sequence[Problem]) -> Problem:
@@ -131,6 +132,14 @@ def make_case(steps: int, repeats: int, seed: int, level: bool = False) -> Case:
     # A pull of its own to a posture of its own in every slice and joint, so that none can be taken for another.
     reference = problems.home[:, None] + generator.normal(size=q.shape) * 0.2
     problems = problems._replace(reference=reference, attraction=generator.uniform(0.1, 0.5, q.shape))
+    if steps > 1:
+        # Samples anywhere in the interval, and beside the line; the last one at the slice.
+        between = np.sort(generator.uniform(0, 1, (*q.shape[:2], PATH_SAMPLES - 1)), axis=-1)
+        offset = generator.normal(size=(*between.shape, q.shape[2])) * (0.003 if level else 0.03)
+        problems = problems._replace(
+            share=np.concatenate([between, np.ones((*q.shape[:2], 1))], axis=-1),
+            offset=np.concatenate([offset, np.zeros((*q.shape[:2], 1, q.shape[2]))], axis=2),
+        )
     return Case(problems, x, steps)
 
 

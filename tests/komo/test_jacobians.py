@@ -102,7 +102,8 @@ def compare_joints(evaluated, by_joint: tuple[Rows, Rows], group: str) -> Compar
     # By the joints at the sample; those before the first slice lie between it and the home posture, which was not
     # moved.
     case = evaluated.case
-    analytic[:, :, : case.samples] *= np.array([case.share(sample) for sample in range(case.samples)])[:, None]
+    shares = [[case.share(b, sample) for sample in range(case.samples)] for b in range(case.batch)]
+    analytic[:, :, : case.samples] *= np.array(shares)[..., None]
     part = groups(evaluated)[group]
     return Compared(analytic[..., part], *(side.distance[..., part] for side in by_joint))
 
