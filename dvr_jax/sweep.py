@@ -19,17 +19,14 @@ from pathlib import Path
 import jax
 import tyro
 
-from dvr_jax.check.replay import check_motion
 from dvr_jax.dataset.labelling import LabelOptions, label_scene
 from dvr_jax.dataset.labels import Label
 from dvr_jax.dataset.manifest import write_manifest
 from dvr_jax.dataset.shards import list_shards, read_columns, write_shard
 from dvr_jax.errors import DvrError, run_command
-from dvr_jax.komo.engine import Solved
-from dvr_jax.komo.interpolation import interpolate
+from dvr_jax.feasibility import passes_check
 from dvr_jax.scene.scene import load_scenes, scene_to_json
 from dvr_jax.scene.types import Scene
-from dvr_jax.search.tree import Node
 from dvr_jax.search.work import run_together
 
 _DEFAULT = LabelOptions()
@@ -70,12 +67,6 @@ class SweepOptions:
     def labelling(self) -> LabelOptions:
         """What labels depend on."""
         return LabelOptions(self.solutions, self.leaves, self.k_max, self.seed)
-
-
-def passes_check(scene: Scene, node: Node, path: Solved) -> bool:
-    """Whether the independent check accepts a path."""
-    assert node.problem is not None
-    return check_motion(scene, node.actions, interpolate(scene, node.problem, path.q, path.m)).passed
 
 
 def label_scenes(

@@ -5,7 +5,6 @@ feasible one if some start finds both."""
 
 from __future__ import annotations
 
-import re
 import sys
 from collections import defaultdict
 from dataclasses import dataclass
@@ -19,7 +18,6 @@ from dvr_jax.bench.recall import oracle_keyframes, oracle_path
 from dvr_jax.dataset.examples import find_shards
 from dvr_jax.dataset.labels import Label
 from dvr_jax.dataset.shards import read_shard
-from dvr_jax.errors import DvrError
 from dvr_jax.komo.transcription import transcribe
 from dvr_jax.logic import Action
 from dvr_jax.scene.types import Scene
@@ -37,17 +35,9 @@ class LabelsOptions:
     """Of the draw and of the starts."""
 
 
-def parse_action(text: str) -> Action:
-    """The action that `str(Action)` wrote."""
-    match = re.fullmatch(r"(\w+)\((.*)\)", text)
-    if match is None:
-        raise DvrError(f"{text!r} is no action; valid is for instance 'grasp(left, +x, yellow)'.")
-    return Action(match[1], tuple(match[2].split(", ")))
-
-
 def oracle_verdict(scene: Scene, label: Label, generator: np.random.Generator) -> bool:
     """Whether some of 64 random starts is feasible, under the bounds that the label speaks of."""
-    actions = [parse_action(text) for text in label.actions]
+    actions = [Action.parse(text) for text in label.actions]
     needs_path = label.feasible or label.bound in ("path", "check")
     found = oracle_keyframes(scene, actions, generator, enough=8 if needs_path else 1)
     return bool(found) and (not needs_path or oracle_path(transcribe(scene, actions), found, generator))

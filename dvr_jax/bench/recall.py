@@ -20,11 +20,10 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 
-from dvr_jax.check.replay import check_motion
 from dvr_jax.errors import DvrError
+from dvr_jax.feasibility import passes_check
 from dvr_jax.komo.augmented import Settings
 from dvr_jax.komo.engine import Solved, path_problem, path_start, solve
-from dvr_jax.komo.interpolation import interpolate
 from dvr_jax.komo.problem import Problem, Variables
 from dvr_jax.komo.proposals import PITCH_RANGE
 from dvr_jax.komo.transcription import refute, transcribe
@@ -259,13 +258,8 @@ def _judge(scene: Scene, actions: Sequence[Action], is_path: bool) -> Steps[tupl
         path = yield from tree.solve_path(node, attempt)
         if not path.feasible:
             continue
-        return True, _passes(scene, node, path)
+        return True, passes_check(scene, node, path)
     return False, None
-
-
-def _passes(scene: Scene, node: Node, path: Solved) -> bool:
-    assert node.problem is not None
-    return check_motion(scene, node.actions, interpolate(scene, node.problem, path.q, path.m)).passed
 
 
 def run(arguments: list[str]) -> int:

@@ -5,8 +5,10 @@ state s if `s & required == required` and `s & forbidden == 0`, and leads to `s 
 actions ends as soon as the goal first holds, so no action is counted after that.
 """
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Self
 
 from dvr_jax.logic.errors import SymbolicError, listed
 
@@ -23,6 +25,14 @@ class Action:
 
     def __str__(self) -> str:
         return f"{self.operator}({', '.join(self.arguments)})"
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """The action that `str` wrote, as in "grasp(left, +x, yellow)"."""
+        match = re.fullmatch(r"\s*([^\s(),]+)\s*\(([^()]*)\)\s*", text)
+        if match is None:
+            raise SymbolicError(f"'{text}' is no action; valid is for instance 'grasp(left, +x, yellow)'.")
+        return cls(match[1], tuple(argument.strip() for argument in match[2].split(",")))
 
 
 @dataclass(frozen=True, slots=True)

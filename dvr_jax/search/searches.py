@@ -32,15 +32,15 @@ def _batches(nodes: list[Node]) -> list[list[Node]]:
     return [nodes[i : i + LEAVES] for i in range(0, len(nodes), LEAVES)]
 
 
-def _search(run: Run, judge_leaves: _Judge, judge: _Judge) -> Steps[Outcome]:
-    """Level by level: ``judge_leaves`` gives the leaves whose paths are tried, ``judge`` the prefixes to go on from."""
+def _search(run: Run, of_leaves: _Judge, judge: _Judge) -> Steps[Outcome]:
+    """Level by level: ``of_leaves`` gives the leaves whose paths are tried, ``judge`` the prefixes to go on from."""
     level = [run.tree.root]
     for depth in range(1, run.tree.k_max + 1):
         children = [child for node in level if node.feasible is not False for child in run.tree.expand(node)]
         leaves = [node for node in children if node.reaches_goal]
         run.progress(f"length {depth}: {len(children)} prefixes, {len(leaves)} reach the goal")
         for batch in _batches(leaves):
-            feasible = yield from judge_leaves(batch)
+            feasible = yield from of_leaves(batch)
             outcome = yield from run.try_leaves(feasible)
             if outcome is not None:
                 return outcome
@@ -65,14 +65,16 @@ def multi_bound(run: Run) -> Steps[Outcome]:
             return (yield from run.judge_poses(nodes))
         return [node for node in nodes if run.tree.recall_pose(node)]
 
-    def judge_leaves(leaves: list[Node]) -> Steps[list[Node]]:
-        for depth in range(1, max(leaf.depth for leaf in leaves) + 1):
-            prefixes = dict.fromkeys(leaf.ancestor(depth) for leaf in leaves)
-            passed = set((yield from run.judge_poses(list(prefixes))))
-            leaves = [leaf for leaf in leaves if leaf.ancestor(depth) in passed]
-        return (yield from run.judge_lines(leaves))
+    return (yield from _search(run, lambda leaves: judge_leaves(run, leaves), judge))
 
-    return (yield from _search(run, judge_leaves, judge))
+
+def judge_leaves(run: Run, leaves: list[Node]) -> Steps[list[Node]]:
+    """Pose and sequence bounds of leaves, along their prefixes: those that pass."""
+    for depth in range(1, max((leaf.depth for leaf in leaves), default=0) + 1):
+        prefixes = dict.fromkeys(leaf.ancestor(depth) for leaf in leaves)
+        passed = set((yield from run.judge_poses(list(prefixes))))
+        leaves = [leaf for leaf in leaves if leaf.ancestor(depth) in passed]
+    return (yield from run.judge_lines(leaves))
 
 
 BLIND: dict[str, Callable[[Run], Steps[Outcome]]] = {"mbts": multi_bound, "bfs": breadth_first}

@@ -70,7 +70,8 @@ class Node:
     feasible: bool | None = None
     """Verdict of the sequence bound, or False by the pose bound; None: not computed."""
     refuted_by: str = ""
-    """The bound that refuted it: "pose", "sequence", "path", or "check" for a path that only the check refused."""
+    """The bound that refuted it: "symbolic", "pose", "sequence", "path", or "check" for a path that only the check
+    refused."""
     violation: float = math.nan
     """Least violation that an NLP under the refuting bound ended with, as a multiple of its tolerance."""
     solved: bool | None = None
@@ -135,6 +136,15 @@ class SequenceTree:
         """Actions that the logic allows after a prefix and a constant of the scene refutes."""
         actions = self.grounding.actions
         return [actions[i] for i in self.grounding.applicable(node.state) if self._refuted[actions[i]] is not None]
+
+    def refute_by_constants(self, node: Node) -> bool:
+        """Whether a constant of the scene refutes an action on the way to a node; the first such prefix is noted."""
+        for depth in range(1, node.depth + 1):
+            prefix = node.ancestor(depth)
+            if self._refuted[prefix.actions[-1]] is not None:
+                prefix.refute("symbolic", math.nan)
+                return True
+        return False
 
     def expand(self, node: Node) -> list[Node]:
         """Children of a node that pass the symbolic bound, each once."""
