@@ -35,7 +35,6 @@ OVERSHOOT = (
     "The curvature of the constraint, which Gauss-Newton leaves out, makes steps twice as long as they should be. "
     "Iterates alternate between two points, and any decrease is accepted, so the damping never grows."
 )
-ZERO_STEP = "A stuck lane returns to its point by a step of 0, which `judge` takes for a small final step."
 SLACK = "Feasible is enough to end after a small step, even if multipliers of inactive inequalities still push."
 
 
@@ -130,7 +129,7 @@ def test_published_optimum_is_reached(number: int) -> None:
 
 @pytest.mark.parametrize(
     "number, penalty, damping_limit",
-    [(113, 10.0, 1e4), _lacking(ZERO_STEP, 12, 100.0, 1e4), _lacking(SLACK, 23, 10.0, 1e10)],
+    [(113, 10.0, 1e4), (12, 100.0, 1e4), _lacking(SLACK, 23, 10.0, 1e10)],
 )
 def test_published_optimum_is_reached_with_other_settings(number: int, penalty: float, damping_limit: float) -> None:
     _check(number, SETTINGS._replace(penalty=penalty, damping_limit=damping_limit))
