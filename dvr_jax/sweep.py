@@ -3,17 +3,23 @@
 DIR then holds one Parquet shard (`dvr_jax.dataset.shards`) for each `--shard` consecutive scenes, and `manifest.json`.
 A shard is written whole once all its scenes are done; a sweep that was killed goes on with the shards that are not
 there, and ends with the same rows. They depend neither on the number of workers nor on what shares a batch.
+
+Shards are labelled by processes of this machine or, with `--ray ADDRESS`, by the machines of a Ray cluster on which
+this package is installed; they are written here.
 """
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 import os
+import socket
 import sys
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
+from itertools import cycle
 from pathlib import Path
 
 import jax
@@ -54,6 +60,8 @@ class SweepOptions:
     """Scenes whose solves share a batch."""
     workers: int = os.cpu_count() or 1
     """Processes, one shard each at a time."""
+    ray: str | None = None
+    """Address of a Ray cluster ("auto": the one that runs on this machine), whose CPUs take the workers' place."""
 
     def check(self) -> None:
         """Refuse values that make no sense."""
@@ -79,13 +87,59 @@ def label_scenes(
             yield first + index, labels
 
 
-def _write_shard(
-    path: Path, scenes: Sequence[Scene], first: int, options: SweepOptions, footer: dict[str, object]
-) -> int:
-    """Label the scenes of one shard and write it; returns their number."""
-    labels = [label for _, found in label_scenes(scenes, first, options.labelling, options.width) for label in found]
-    write_shard(path, {first + i: scene for i, scene in enumerate(scenes)}, labels, footer)
-    return len(scenes)
+def _label_shard(scenes: Sequence[Scene], first: int, options: LabelOptions, width: int) -> list[Label]:
+    """Labels of the scenes of one shard."""
+    return [label for _, found in label_scenes(scenes, first, options, width) for label in found]
+
+
+def _take_core(cores: multiprocessing.SimpleQueue[int]) -> None:
+    """Keep this process, and the threads that XLA will start, to one core: with more of them its threads wait for each
+    other half of the time."""
+    if not cores.empty():
+        os.sched_setaffinity(0, {cores.get()})
+
+
+_Task = tuple[Sequence[Scene], int, LabelOptions, int]
+"""Arguments of `_label_shard`."""
+
+
+def _on_processes(tasks: Sequence[_Task], workers: int) -> Iterator[tuple[_Task, list[Label]]]:
+    """Labels of each task as it ends, by processes of this machine."""
+    # Forked processes would share the parent's XLA threads, which do not survive a fork.
+    context = multiprocessing.get_context("spawn")
+    cores = context.SimpleQueue()
+    if hasattr(os, "sched_getaffinity"):
+        for core, _ in zip(cycle(os.sched_getaffinity(0)), range(workers), strict=False):
+            cores.put(core)
+    with ProcessPoolExecutor(workers, context, _take_core, (cores,)) as pool:
+        futures = {pool.submit(_label_shard, *task): task for task in tasks}
+        for future in as_completed(futures):
+            yield futures.pop(future), future.result()
+
+
+def _on_ray(tasks: Sequence[_Task], address: str) -> Iterator[tuple[_Task, list[Label]]]:
+    """Labels of each task as it ends, by a Ray cluster; tasks of a machine that is lost are given to another."""
+    try:
+        import ray
+    except ImportError:
+        raise DvrError("--ray needs Ray, which is not installed; `pip install 'dvr_jax[ray]'` does.") from None
+    try:
+        host, _, port = address.removeprefix("ray://").rpartition(":")
+        if host:
+            # Ray itself tries for minutes.
+            socket.create_connection((host, int(port)), timeout=10).close()
+        ray.init(address, log_to_driver=False, logging_level=logging.ERROR)
+    except (OSError, ValueError) as error:
+        reason = str(error).splitlines()[0].rstrip(".")
+        raise DvrError(f"--ray {address}: {reason}; valid is the address of a running cluster, or auto.") from None
+    try:
+        label = ray.remote(num_cpus=1, max_retries=-1)(_label_shard)
+        waiting = {label.remote(*task): task for task in tasks}
+        while waiting:
+            (done,), _ = ray.wait(list(waiting), num_returns=1)
+            yield waiting.pop(done), ray.get(done)
+    finally:
+        ray.shutdown()
 
 
 def sweep(options: SweepOptions) -> None:
@@ -111,25 +165,21 @@ def sweep(options: SweepOptions) -> None:
     for first, stop in todo:
         if covered.intersection(range(first, stop)):
             raise DvrError(f"--shard is {options.shard}; scenes {first} to {stop - 1} are in shards of another size.")
+    tasks = [(scenes[first:stop], first, options.labelling, options.width) for first, stop in todo]
+    results = _on_ray(tasks, options.ray) if options.ray else _on_processes(tasks, options.workers)
     begin, count, total = time.monotonic(), 0, sum(stop - first for first, stop in todo)
-    # Forked processes would share the parent's XLA threads, which do not survive a fork.
-    with ProcessPoolExecutor(options.workers, mp_context=multiprocessing.get_context("spawn")) as pool:
-        futures = [
-            pool.submit(
-                _write_shard, options.out / f"labels-{first:06d}.parquet", scenes[first:stop], first, options, footer
-            )
-            for first, stop in todo
-        ]
-        for future in as_completed(futures):
-            count += future.result()
-            seconds = time.monotonic() - begin
-            left = (total - count) * seconds / count
-            print(
-                f"{len(scenes) - total + count} of {len(scenes)} scenes, {3600 * count / seconds:.0f} an hour, "
-                f"{left / 60:.0f} min to go",
-                file=sys.stderr,
-                flush=True,
-            )
+    for (part, first, *_), labels in results:
+        path = options.out / f"labels-{first:06d}.parquet"
+        write_shard(path, {first + i: scene for i, scene in enumerate(part)}, labels, footer)
+        count += len(part)
+        seconds = time.monotonic() - begin
+        left = (total - count) * seconds / count
+        print(
+            f"{len(scenes) - total + count} of {len(scenes)} scenes, {3600 * count / seconds:.0f} an hour, "
+            f"{left / 60:.0f} min to go",
+            file=sys.stderr,
+            flush=True,
+        )
     write_manifest(options.out, ["python", "-m", "dvr_jax.sweep", *sys.argv[1:]])
 
 
