@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from dvr_jax.dataset import Examples
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import Grounding, ground_actions
-from dvr_jax.model.checkpoint import Kind
 from dvr_jax.model.encoding import TURNED, ActionCodes, encode_actions, goal_tuple
+from dvr_jax.model.export import Kind
 from dvr_jax.model.images import ImageStack
 from dvr_jax.scene.types import Scene
 

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from dvr_jax.compilation import Program
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import Grounding, ground_actions
-from dvr_jax.model.checkpoint import Header, Kind, load_weights
 from dvr_jax.model.encoding import encode_actions, goal_tuple
+from dvr_jax.model.export import Header, Kind, load_weights
 from dvr_jax.model.images import scene_images, stack_images
 from dvr_jax.model.network import Weights, encode_images, encode_symbols, step
 from dvr_jax.scene.types import Scene

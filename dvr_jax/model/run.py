@@ -29,7 +29,8 @@ from dvr_jax.model.batches import (
     held_out_scenes,
     scene_table,
 )
-from dvr_jax.model.checkpoint import CheckpointFolder, Header, Kind, TrainingState, export_weights
+from dvr_jax.model.checkpoint import CheckpointFolder, TrainingState
+from dvr_jax.model.export import Header, Kind, export_weights
 from dvr_jax.model.history import History, save_curves
 from dvr_jax.model.images import DEPTH_RANGE, ImageStack, scene_images, stack_images
 from dvr_jax.model.network import NetworkConfig, Weights, initial_weights

@@ -20,8 +20,8 @@ from dvr_jax.model.batches import (
     held_out_scenes,
     scene_table,
 )
-from dvr_jax.model.checkpoint import Kind
 from dvr_jax.model.encoding import SYMBOLS, TURNED, direction
+from dvr_jax.model.export import Kind
 from dvr_jax.model.images import scene_images, stack_images
 
 ONE, TWO = sided_examples(2, 1, objects=1, longest=3), sided_examples(3, 2, objects=2, longest=3)

@@ -10,7 +10,8 @@ import optax
 import pytest
 
 from dvr_jax.errors import DvrError
-from dvr_jax.model.checkpoint import CheckpointFolder, Header, TrainingState, export_weights, load_weights
+from dvr_jax.model.checkpoint import CheckpointFolder, TrainingState
+from dvr_jax.model.export import Header, export_weights, load_weights
 from dvr_jax.model.network import NetworkConfig, initial_weights
 from dvr_jax.model.predictor import Predictor
 

@@ -16,7 +16,7 @@ from dvr_jax import train as command
 from dvr_jax.dataset import Examples
 from dvr_jax.errors import DvrError, run_command
 from dvr_jax.model.batches import assemble_batch
-from dvr_jax.model.checkpoint import load_weights
+from dvr_jax.model.export import load_weights
 from dvr_jax.model.history import History, read_history
 from dvr_jax.model.network import NetworkConfig, initial_weights
 from dvr_jax.model.predictor import Predictor
