@@ -11,15 +11,13 @@ this package is installed; they are written here.
 from __future__ import annotations
 
 import logging
-import multiprocessing
 import os
 import socket
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import asdict, dataclass
-from itertools import cycle
 from pathlib import Path
 
 import jax
@@ -31,6 +29,7 @@ from dvr_jax.dataset.manifest import write_manifest
 from dvr_jax.dataset.shards import list_shards, read_columns, write_shard
 from dvr_jax.errors import DvrError, run_command
 from dvr_jax.feasibility import passes_check
+from dvr_jax.processes import worker_processes
 from dvr_jax.scene.scene import load_scenes, scene_to_json
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.work import run_together
@@ -92,26 +91,13 @@ def _label_shard(scenes: Sequence[Scene], first: int, options: LabelOptions, wid
     return [label for _, found in label_scenes(scenes, first, options, width) for label in found]
 
 
-def _take_core(cores: multiprocessing.SimpleQueue[int]) -> None:
-    """Keep this process, and the threads that XLA will start, to one core: with more of them its threads wait for each
-    other half of the time."""
-    if not cores.empty():
-        os.sched_setaffinity(0, {cores.get()})
-
-
 _Task = tuple[Sequence[Scene], int, LabelOptions, int]
 """Arguments of `_label_shard`."""
 
 
 def _on_processes(tasks: Sequence[_Task], workers: int) -> Iterator[tuple[_Task, list[Label]]]:
     """Labels of each task as it ends, by processes of this machine."""
-    # Forked processes would share the parent's XLA threads, which do not survive a fork.
-    context = multiprocessing.get_context("spawn")
-    cores = context.SimpleQueue()
-    if hasattr(os, "sched_getaffinity"):
-        for core, _ in zip(cycle(os.sched_getaffinity(0)), range(workers), strict=False):
-            cores.put(core)
-    with ProcessPoolExecutor(workers, context, _take_core, (cores,)) as pool:
+    with worker_processes(workers) as pool:
         futures = {pool.submit(_label_shard, *task): task for task in tasks}
         for future in as_completed(futures):
             yield futures.pop(future), future.result()

@@ -5,13 +5,12 @@ Every scene's result is one line of a JSON Lines file, written as soon as it is 
 from __future__ import annotations
 
 import hashlib
-import multiprocessing
 import os
 import statistics
 import sys
 from collections import Counter
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -22,6 +21,7 @@ from dvr_jax.bench.ledger import Ledger
 from dvr_jax.errors import DvrError
 from dvr_jax.model.predictor import Predictor, load_network
 from dvr_jax.planner import plan
+from dvr_jax.processes import worker_processes
 from dvr_jax.scene.sampling import SceneDistribution, ShapeChoice, sample_scenes
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.run import EXHAUSTED
@@ -108,9 +108,7 @@ def results(options: ScenesOptions) -> Iterator[dict[str, object]]:
     todo = [index for index in range(options.number) if index not in ledger.rows]
     if not todo:
         return
-    # Forked processes would share the parent's XLA threads, which do not survive a fork.
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(options.workers, context, _get_ready, (options,)) as pool:
+    with worker_processes(options.workers, _get_ready, options) as pool:
         for future in as_completed([pool.submit(_plan_one, options, index) for index in todo]):
             row = future.result()
             ledger.add(row)
