@@ -1,0 +1,96 @@
+"""Between the slices of a path: penetrations as MuJoCo finds them, samples where they are, and no path called feasible
+whose motion penetrates."""
+
+from collections.abc import Iterator
+from itertools import islice
+
+import numpy as np
+import pytest
+from scipy.interpolate import PchipInterpolator
+
+from dvr_jax.bench.recall import PROBLEMS, judge_prefix, read_problems
+from dvr_jax.check import CheckReport
+from dvr_jax.check.replay import DEEPEST_CONTACT, check_motion
+from dvr_jax.komo import engine
+from dvr_jax.komo.augmented import FEASIBLE, ITERATION_LIMIT
+from dvr_jax.komo.between import BETWEEN_TOLERANCE, PATH_SAMPLES, depths_between, even_shares, move_samples
+from dvr_jax.komo.engine import Solved
+from dvr_jax.komo.interpolation import interpolate
+from dvr_jax.komo.transcription import transcribe
+from dvr_jax.scene.types import Scene
+from dvr_jax.search.tree import Node, SequenceTree
+from dvr_jax.search.work import run_alone
+
+HANDOVERS = (43, 67)
+"""Of the frozen problems, two of two actions whose first path penetrates between its samples."""
+
+
+@pytest.fixture(scope="module", params=HANDOVERS)
+def handover(request: pytest.FixtureRequest) -> tuple[Scene, SequenceTree, Node]:
+    scene, actions, _ = next(islice(read_problems(PROBLEMS), request.param, None))
+    tree = SequenceTree(scene, k_max=6)
+    return scene, tree, run_alone(judge_prefix(tree, actions))
+
+
+@pytest.fixture
+def depths(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[float]]:
+    """The deepest penetration between slices, each time that a solver looks [m]."""
+    seen: list[float] = []
+
+    def look(*arguments):
+        found = depths_between(*arguments)
+        seen.append(float(found.max()))
+        return found
+
+    monkeypatch.setattr(engine, "depths_between", look)
+    yield seen
+
+
+def replay(scene: Scene, node: Node, path: Solved) -> CheckReport:
+    assert node.problem is not None
+    return check_motion(scene, node.actions, interpolate(scene, node.problem, path.q, path.m))
+
+
+def test_a_path_that_penetrates_between_its_samples_is_not_feasible(
+    handover: tuple[Scene, SequenceTree, Node], depths: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(engine, "EXCHANGES", 0)
+    scene, tree, node = handover
+    path = run_alone(tree.solve_path(node, 0))
+    assert depths[-1] > DEEPEST_CONTACT
+    assert not path.feasible and path.status == ITERATION_LIMIT and path.ratio > 1
+    # MuJoCo's own collisions of the same motion.
+    assert depths[-1] == pytest.approx(replay(scene, node, path).deepest_penetration, abs=1e-9)
+
+
+def test_exchanged_samples_end_in_a_motion_without_penetration(
+    handover: tuple[Scene, SequenceTree, Node], depths: list[float]
+) -> None:
+    scene, tree, node = handover
+    path = run_alone(tree.solve_path(node, 0))
+    assert len(depths) > 1 and depths[0] > DEEPEST_CONTACT
+    assert path.feasible and path.status == FEASIBLE and path.ratio <= 1
+    assert replay(scene, node, path).deepest_penetration <= BETWEEN_TOLERANCE
+
+
+def test_samples_move_to_the_deepest_place_of_their_part_and_lie_on_the_motion(
+    handover: tuple[Scene, SequenceTree, Node],
+) -> None:
+    scene, _, node = handover
+    problem, T = transcribe(scene, node.actions), 20
+    q = problem.home + np.random.default_rng(0).normal(size=(T, 14)) * 0.3
+    problem = problem._replace(share=even_shares(T))
+    depth = np.zeros((T, 9))
+    depth[3, [1, 3]] = BETWEEN_TOLERANCE + 0.001, BETWEEN_TOLERANCE + 0.002
+    depth[3, 7] = BETWEEN_TOLERANCE + 0.001
+    depth[5, 8] = BETWEEN_TOLERANCE - 0.001
+    moved = move_samples(problem, q, depth)
+    expected = even_shares(T)
+    expected[3] = 0.4, 0.8, 1
+    np.testing.assert_allclose(moved.share, expected, atol=1e-15)
+    assert expected.shape == (T, PATH_SAMPLES)
+    knots = np.concatenate([problem.home[None], q])
+    curve = PchipInterpolator(np.arange(T + 1), knots)
+    for t in range(T):
+        line = knots[t] + moved.share[t][:, None] * (knots[t + 1] - knots[t])
+        np.testing.assert_allclose(line + moved.offset[t], curve(t + moved.share[t]), atol=1e-12)
