@@ -26,7 +26,6 @@ from dvr_jax.komo.interpolation import interpolate
 from dvr_jax.logic import Action, SymbolicError
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.run import Run
-from dvr_jax.search.searches import judge_leaves
 from dvr_jax.search.tree import Node, SequenceTree
 from dvr_jax.search.work import Steps, run_alone
 
@@ -87,7 +86,7 @@ def judge(scene: Scene, sequences: Sequence[Sequence[Action | str]], seed: int =
     run = Run(tree, lambda node, path: passes_check(scene, node, path), lambda line: None)
     leaves = [nodes[actions] for actions in dict.fromkeys(parsed)]
     possible = [leaf for leaf in leaves if not tree.refute_by_constants(leaf)]
-    for leaf in (yield from judge_leaves(run, possible)):
+    for leaf in (yield from run.judge_leaves(possible)):
         yield from run.try_path(leaf)
     return [_verdict(nodes[actions]) for actions in parsed]
 

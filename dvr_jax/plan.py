@@ -15,7 +15,6 @@ import tyro
 from dvr_jax.check.motion import save_motion
 from dvr_jax.errors import run_command
 from dvr_jax.film import save_animation, save_depth_picture, save_film
-from dvr_jax.model.predictor import load_network
 from dvr_jax.planner import Plan, plan
 from dvr_jax.scene.mjcf import scene_xml
 from dvr_jax.scene.scene import load_scene, scene_to_json
@@ -34,7 +33,7 @@ class PlanOptions:
 
     scene: Annotated[Path, tyro.conf.Positional]
     """Scene file (JSON)."""
-    search: Literal["dvr", "classifier", "mbts", "bfs"] = "mbts"
+    search: Literal["dvr", "classifier", "mbts", "bfs"] = "dvr"
     """Guided by a network as in the paper or by a feasibility classifier; multi-bound tree search; breadth-first."""
     network: Path | None = None
     """Trained network of the search's kind, for dvr and classifier; by default the shipped one."""
@@ -91,7 +90,11 @@ def main() -> int:
     """Plan, say what was found, write it."""
     options = tyro.cli(PlanOptions, prog="python -m dvr_jax.plan")
     scene = load_scene(options.scene)
-    network = load_network(options.search, options.network) if options.search in GUIDED else None
+    network = None
+    if options.search in GUIDED:
+        from dvr_jax.model.predictor import load_network
+
+        network = load_network(options.search, options.network)
     result = plan(
         scene, options.search, options.k_max, options.seed, options.time_limit,
         progress=lambda line: print(f"  {line}", file=sys.stderr, flush=True),

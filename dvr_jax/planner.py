@@ -3,7 +3,7 @@
 from dvr_jax.planner import plan
 from dvr_jax.scene.scene import load_scene
 
-result = plan(load_scene("data/scenes/figure1.json"), search="mbts", k_max=6)
+result = plan(load_scene("data/scenes/figure1.json"), k_max=6)
 print(result.status, *result.words, sep="\\n")
 """
 
@@ -25,6 +25,7 @@ from dvr_jax.logic import Action, describe
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.reasoning import Network
 from dvr_jax.search.run import SOLVED
+from dvr_jax.search.searches import GUIDED
 from dvr_jax.search.searches import search as run_search
 from dvr_jax.search.tree import Node, SequenceTree
 from dvr_jax.search.warm import warming_up
@@ -68,7 +69,7 @@ class Plan:
 
 def plan(
     scene: Scene,
-    search: str = "mbts",
+    search: str = "dvr",
     k_max: int = 6,
     seed: int = 0,
     time_limit: float = 60.0,
@@ -86,12 +87,18 @@ def plan(
         time_limit: [s]; looked at between batches, so it is overrun by a few seconds at most once programs are
         compiled.
         progress: takes a line about what is going on.
-        network: of the search's kind (`dvr_jax.model.predictor.Predictor.load`), for "dvr" and "classifier".
+        network: of the search's kind (`dvr_jax.model.predictor.Predictor.load`), for "dvr" and "classifier"; by default
+        the shipped one.
     """
     if k_max < 1:
         raise DvrError(f"k_max is {k_max}; valid is a whole number from 1.")
     if not time_limit > 0:
         raise DvrError(f"the time limit is {time_limit} s; valid is a positive number.")
+    if network is None and search in GUIDED:
+        # Here and not above: the other searches need not wait for the import of flax.
+        from dvr_jax.model.predictor import load_network
+
+        network = load_network(search)
     begin = time.monotonic()
     # Tolerances of a micrometre need double precision. Set here and not on import, which must not change other users'
     # programs.

@@ -1,17 +1,20 @@
 """Command line `python -m dvr_jax.train --data FILES --out DIR`: train the network, or the feasibility classifier.
 
-DIR then holds `network.npz` (what the searches load), `checkpoints/`, `history.jsonl`, `events/` (TensorBoard),
-`curves.png` and `images.npz` (the rendered scenes, so that they are rendered once). A run that was killed goes on when
-the same command is given again, to the same result to the last bit on the same machine (on a GPU only with
-XLA_FLAGS=--xla_gpu_deterministic_ops=true).
+DIR then holds `network.npz` (what the searches load), `manifest.json` (what it comes of), `checkpoints/`,
+`history.jsonl`, `events/` (TensorBoard), `curves.png` and `images.npz` (the rendered scenes, so that they are rendered
+once). A run that was killed goes on when the same command is given again, to the same result to the last bit on the
+same machine (on a GPU only with XLA_FLAGS=--xla_gpu_deterministic_ops=true).
 """
 
 from __future__ import annotations
+
+import sys
 
 import tyro
 
 from dvr_jax.dataset import load_examples
 from dvr_jax.errors import run_command
+from dvr_jax.model.manifest import write_manifest
 from dvr_jax.model.network import NetworkConfig
 from dvr_jax.model.run import TrainOptions, prepare, train
 
@@ -33,6 +36,7 @@ def main() -> int:
         f"a target of 1 weighs {data.positive_weight:.2f}"
     )
     train(options, data, network, say)
+    write_manifest(options.out, data, sys.argv[1:])
     say(f"written to {options.out}/")
     return 0
 

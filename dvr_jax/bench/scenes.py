@@ -19,7 +19,7 @@ import tyro
 
 from dvr_jax.bench.ledger import Ledger
 from dvr_jax.errors import DvrError
-from dvr_jax.model.predictor import Predictor, load_network
+from dvr_jax.model.predictor import SHIPPED, Predictor, load_network
 from dvr_jax.planner import plan
 from dvr_jax.processes import worker_processes
 from dvr_jax.scene.sampling import SceneDistribution, ShapeChoice, sample_scenes
@@ -44,7 +44,7 @@ class ScenesOptions:
     search: str = "mbts"
     """dvr, classifier, mbts or bfs."""
     network: Path | None = None
-    """Trained network of the search's kind, for dvr and classifier."""
+    """Trained network of the search's kind, for dvr and classifier; by default the shipped one."""
     k_max: int = 6
     """Largest number of actions."""
     time_limit: float = 60.0
@@ -61,18 +61,18 @@ def _scene(options: ScenesOptions, index: int) -> Scene:
 
 
 @lru_cache(maxsize=1)
-def _network(path: Path | None) -> Predictor | None:
-    return None if path is None else Predictor.load(path)
+def _network(search: str, path: Path | None) -> Predictor | None:
+    return load_network(search, path) if search in GUIDED else None
 
 
 def _get_ready(options: ScenesOptions) -> None:
     """Compile or load everything before the first scene is timed."""
-    warm_up(_scene(options, 0), options.k_max, _network(options.network))
+    warm_up(_scene(options, 0), options.k_max, _network(options.search, options.network))
 
 
 def _plan_one(options: ScenesOptions, index: int) -> dict[str, object]:
     scene = _scene(options, index)
-    network = _network(options.network)
+    network = _network(options.search, options.network)
     result = plan(scene, options.search, options.k_max, seed=0, time_limit=options.time_limit, network=network)
     return {
         "scene": index,
@@ -91,7 +91,8 @@ def _header(options: ScenesOptions) -> dict[str, object]:
     chosen = asdict(options)
     for name in ("number", "workers", "out"):
         del chosen[name]
-    chosen["network"] = hashlib.sha256(options.network.read_bytes()).hexdigest()[:16] if options.network else ""
+    path = options.network or SHIPPED / f"{options.search}.npz"
+    chosen["network"] = hashlib.sha256(path.read_bytes()).hexdigest()[:16] if options.search in GUIDED else ""
     return chosen
 
 
@@ -99,10 +100,7 @@ def results(options: ScenesOptions) -> Iterator[dict[str, object]]:
     """Rows of all scenes, those first that the file has."""
     if options.search not in SEARCHES:
         raise DvrError(f"there is no search '{options.search}'; valid: {', '.join(SEARCHES)}.")
-    if options.search in GUIDED:
-        if options.network is None:
-            raise DvrError(f"the search '{options.search}' needs a network; name its file by --network.")
-        load_network(options.search, options.network)
+    _network(options.search, options.network)
     ledger = Ledger(options.out, _header(options))
     yield from (row for index, row in ledger.rows.items() if index < options.number)
     todo = [index for index in range(options.number) if index not in ledger.rows]

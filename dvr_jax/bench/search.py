@@ -15,6 +15,7 @@ import tyro
 
 from dvr_jax.bench.scenes import ScenesOptions, results
 from dvr_jax.errors import DvrError
+from dvr_jax.model.predictor import SHIPPED
 from dvr_jax.search.searches import GUIDED
 
 Row = dict[str, Any]
@@ -28,8 +29,8 @@ class SearchOptions:
     """Folder for results and plots; what it already has is not computed again."""
     searches: tuple[str, ...] = ("dvr", "classifier", "mbts")
     """Of dvr, classifier, mbts, bfs."""
-    networks: Path = Path("data/networks")
-    """Folder with dvr.npz and classifier.npz."""
+    networks: Path = SHIPPED
+    """Folder with dvr.npz and classifier.npz; by default the shipped ones."""
     number: int = 500
     """Scenes."""
     objects: int = 2
@@ -50,7 +51,7 @@ def total(row: Row) -> float:
 
 
 def paths(row: Row) -> int:
-    """Path NLPs solved, those on twice the slices included."""
+    """Path NLPs solved; every start counts."""
     return int(row["nlps"].get("path", 0))
 
 

@@ -37,9 +37,8 @@ OBJECT_NUMBERS = (1, 2, 4, 8)
 
 _MOST_ACTIONS = 12 * MAXIMUM_OBJECTS
 
-
-SHIPPED = Path(__file__).parents[2] / "data" / "networks"
-"""Networks of this repository, one a kind: NAME.npz."""
+SHIPPED = Path(__file__).parents[1] / "networks"
+"""Trained networks, one a kind: KIND.npz. In the repository a link to data/networks, in a wheel a folder."""
 
 
 class _Codes(NamedTuple):

@@ -144,8 +144,10 @@ def save_scene(path: str | Path, scene: Scene) -> None:
 
 
 def save_scenes(path: str | Path, scenes: "list[Scene] | tuple[Scene, ...]") -> None:
-    """Write scenes as JSON Lines."""
-    Path(path).write_text("".join(scene_to_json(scene) + "\n" for scene in scenes), encoding="utf-8")
+    """Write scenes as JSON Lines; folders above the file that do not exist are made."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("".join(scene_to_json(scene) + "\n" for scene in scenes), encoding="utf-8")
 
 
 def _explain(message: str) -> str:

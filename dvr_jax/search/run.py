@@ -72,6 +72,14 @@ class Run:
             yield from self.judge_sequences([node for node in prefixes if node.feasible is None])
         return [leaf for leaf in leaves if leaf.feasible]
 
+    def judge_leaves(self, leaves: list[Node]) -> Steps[list[Node]]:
+        """Pose and sequence bounds of leaves, along their prefixes: those that pass."""
+        for depth in range(1, max((leaf.depth for leaf in leaves), default=0) + 1):
+            prefixes = dict.fromkeys(leaf.ancestor(depth) for leaf in leaves)
+            passed = set((yield from self.judge_poses(list(prefixes))))
+            leaves = [leaf for leaf in leaves if leaf.ancestor(depth) in passed]
+        return (yield from self.judge_lines(leaves))
+
     def try_leaves(self, leaves: list[Node]) -> Steps[Outcome | None]:
         """Paths of feasible leaves, best keyframes first."""
         for node in sorted(leaves, key=lambda leaf: float(leaf.particles.violation.min())):  # type: ignore[union-attr]

@@ -65,16 +65,7 @@ def multi_bound(run: Run) -> Steps[Outcome]:
             return (yield from run.judge_poses(nodes))
         return [node for node in nodes if run.tree.recall_pose(node)]
 
-    return (yield from _search(run, lambda leaves: judge_leaves(run, leaves), judge))
-
-
-def judge_leaves(run: Run, leaves: list[Node]) -> Steps[list[Node]]:
-    """Pose and sequence bounds of leaves, along their prefixes: those that pass."""
-    for depth in range(1, max((leaf.depth for leaf in leaves), default=0) + 1):
-        prefixes = dict.fromkeys(leaf.ancestor(depth) for leaf in leaves)
-        passed = set((yield from run.judge_poses(list(prefixes))))
-        leaves = [leaf for leaf in leaves if leaf.ancestor(depth) in passed]
-    return (yield from run.judge_lines(leaves))
+    return (yield from _search(run, run.judge_leaves, judge))
 
 
 BLIND: dict[str, Callable[[Run], Steps[Outcome]]] = {"mbts": multi_bound, "bfs": breadth_first}

@@ -1,5 +1,7 @@
 """Whole training runs on a rule that is known: they learn it, go on after a kill, and report what they did."""
 
+import hashlib
+import json
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -143,7 +145,12 @@ def test_command_trains_a_classifier_on_separate_held_out_scenes(
     assert "128 sequences to train on, 64 of them feasible" in capsys.readouterr().out
     predictor = Predictor.load(tmp_path / "network.npz")
     assert predictor.kind == "classifier" and not predictor.weights.config.goal
+    manifest = json.loads((tmp_path / "manifest.json").read_text())
+    assert manifest["command"] == f"python -m dvr_jax.train {arguments} --out {tmp_path}"
+    assert manifest["network"]["sha256"] == hashlib.sha256((tmp_path / "network.npz").read_bytes()).hexdigest()
+    assert manifest["counts"] == {"scenes": 16, "sequences": 128, "feasible": 64}
     last = read_history(tmp_path / "history.jsonl")[-1]
+    assert manifest["held_out"] == last
     assert last.keys() == {"step", "validation/loss", "validation/average_precision"}
 
 

@@ -87,7 +87,7 @@ def test_home_of_one_arm(tmp_path: Any) -> None:
 def test_json_lines(tmp_path: Any) -> None:
     first = scene_from_json(json.dumps(RECORD))
     second = make_scene(first.objects[:1], first.goal)
-    path = tmp_path / "scenes.jsonl"
+    path = tmp_path / "a" / "folder" / "scenes.jsonl"
     save_scenes(path, [first, second])
     assert load_scenes(path) == (first, second)
     path.write_text(scene_to_json(first) + "\n\n{}\n")
