@@ -28,7 +28,9 @@ def main() -> int:
     """Load, train, say how it goes."""
     options = tyro.cli(TrainOptions, prog="python -m dvr_jax.train")
     options.check()
-    network = NetworkConfig(image_size=options.image_size, goal=options.kind == "dvr")
+    network = NetworkConfig(
+        image_size=options.image_size, normals=options.normals, pooling=options.pooling, goal=options.kind == "dvr"
+    )
     held_out = load_examples(options.validation) if options.validation else None
     data = prepare(options, load_examples(options.data), held_out, say)
     say(

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from dvr_jax.dataset.footer import ShardInfo, require_agreement
 from dvr_jax.dataset.shards import SUFFIX, Columns, list_shards, read_columns, read_info
 from dvr_jax.dataset.symbols import Symbols, scene_symbols
-from dvr_jax.dataset.targets import targets
+from dvr_jax.dataset.targets import Verdicts, targets
 from dvr_jax.errors import DvrError
 from dvr_jax.scene.scene import scene_from_json
 from dvr_jax.scene.types import Scene
@@ -37,6 +37,10 @@ class Examples(NamedTuple):
     """Index into the actions of the scene's grounding, or PADDING (n, K)."""
     targets: NDArray[np.float32]
     """f_j of the paper: 1 where the first j actions begin a feasible sequence, else 0, also where padded (n, K)."""
+    known: NDArray[np.bool_]
+    """Whether a target is known, by `dvr_jax.dataset.targets.Verdicts`; not where padded (n, K)."""
+    refuted_after: NDArray[np.int32]
+    """Number of actions after which a label refutes the sequence, 0 if it is feasible (n,)."""
     length: NDArray[np.int32]
     """Number of actions (n,)."""
     feasible: NDArray[np.bool_]
@@ -78,13 +82,15 @@ def load_examples(
     sequences: list[tuple[int, ...]] = []
     feasible: list[bool] = []
     values: list[NDArray[np.float32]] = []
+    knowledge: list[list[bool]] = []
+    refuted: list[int] = []
     for info in find_shards(paths):
         columns = read_columns(info)
         for row, symbols, candidate in scenes_of(info, columns):
             if solved_only and not columns.feasible[slice(*columns.label_ends[row : row + 2])].any():
                 continue  # before anything is drawn for it
             generator = random.Random(f"{seed} {info.scenes[row]}")
-            own, verdicts = _expand(columns, row, symbols, completions, k_max, generator, str(info))
+            own, verdicts, known = _expand(columns, row, symbols, completions, k_max, generator, str(info))
             if not own or (solved_only and not any(verdicts)):
                 continue
             scene += [len(scenes)] * len(own)
@@ -92,15 +98,24 @@ def load_examples(
             sequences += own
             feasible += verdicts
             values += targets(own, verdicts)
+            knowledge += map(known.known_steps, own)
+            refuted += map(known.refuted_after, own)
     length = np.array([len(sequence) for sequence in sequences], dtype=np.int32)
     filled = np.arange(k_max) < length[:, None]
     actions = np.full(filled.shape, PADDING, dtype=np.int32)
-    padded = np.zeros(filled.shape, dtype=np.float32)
+    padded, certain = np.zeros(filled.shape, dtype=np.float32), np.zeros_like(filled)
     if sequences:  # a mask is filled row by row, in the order of the sequences
         actions[filled] = [index for sequence in sequences for index in sequence]
-        padded[filled] = np.concatenate(values)
+        padded[filled], certain[filled] = np.concatenate(values), np.concatenate(knowledge)
     return Examples(
-        scenes, np.array(scene, dtype=np.int32), actions, padded, length, np.array(feasible, dtype=np.bool_)
+        scenes,
+        np.array(scene, dtype=np.int32),
+        actions,
+        padded,
+        certain,
+        np.array(refuted, dtype=np.int32),
+        length,
+        np.array(feasible, dtype=np.bool_),
     )
 
 
@@ -161,8 +176,8 @@ def _expand(
     k_max: int,
     generator: random.Random,
     source: str,
-) -> tuple[list[tuple[int, ...]], list[bool]]:
-    """Sequences of one scene and their verdicts: those labelled, then those drawn."""
+) -> tuple[list[tuple[int, ...]], list[bool], Verdicts]:
+    """Sequences of one scene, those labelled, then those drawn; their verdicts; what the labels say of any prefix."""
     labels = slice(*columns.label_ends[row : row + 2].tolist())
     refuted = columns.refuted_prefix[labels].tolist()
     labelled = labelled_sequences(columns, row, symbols, source)
@@ -171,7 +186,10 @@ def _expand(
         for sequence, verdict, prefix in zip(labelled, columns.feasible[labels].tolist(), refuted, strict=True)
         if not prefix and len(sequence) <= k_max
     }
-    for prefix in (sequence for sequence, is_prefix in zip(labelled, refuted, strict=True) if is_prefix):
+    prefixes = [sequence for sequence, is_prefix in zip(labelled, refuted, strict=True) if is_prefix]
+    good, bad = ([sequence for sequence, verdict in verdicts.items() if verdict == wanted] for wanted in (True, False))
+    known = Verdicts(symbols, good, bad, prefixes)
+    for prefix in prefixes:
         wanted = completions
         for sequence in symbols.draw(prefix, k_max, generator) if wanted else ():
             if sequence not in verdicts:
@@ -179,4 +197,4 @@ def _expand(
                 wanted -= 1
                 if not wanted:
                     break
-    return list(verdicts), list(verdicts.values())
+    return list(verdicts), list(verdicts.values()), known

@@ -7,13 +7,18 @@ For sequence i of a scene and goal, with actions a_1 .. a_K and verdict F, and e
     f_j = 0   otherwise.
 
 The first case is the second with l = i, so f_j = 1 exactly if a_1 .. a_j is a prefix of a feasible sequence.
+
+A sweep ends with the first few feasible sequences, so the last case holds of many prefixes that only nobody has looked
+at: faces that come later in the order of the sweep would be learned to be bad. `Verdicts` tells them from those that
+are known to be bad: nothing that begins with them is feasible and as short as the shortest feasible sequence.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dvr_jax.dataset.symbols import Symbols
 from dvr_jax.errors import DvrError
 
 
@@ -39,3 +44,54 @@ def promising_steps(sequence: tuple[int, ...], promising: set[tuple[int, ...]]) 
     while shared < len(sequence) and sequence[: shared + 1] in promising:
         shared += 1
     return [1.0] * shared + [0.0] * (len(sequence) - shared)
+
+
+class Verdicts:
+    """What the labels of one scene say of any prefix."""
+
+    def __init__(
+        self,
+        symbols: Symbols,
+        feasible: Iterable[tuple[int, ...]],
+        infeasible: Iterable[tuple[int, ...]],
+        refuted: Iterable[tuple[int, ...]],
+    ) -> None:
+        """Sequences that are feasible, sequences that are not, and prefixes that nothing feasible begins with."""
+        self._symbols = symbols
+        solutions = set(feasible)
+        self._bad = {*infeasible, *refuted}
+        self._longest = min(map(len, solutions), default=0)
+        self._promising = {sequence[:length] for sequence in solutions for length in range(len(sequence) + 1)}
+        self._visited = {sequence[:length] for sequence in self._bad for length in range(len(sequence))}
+        self._known: dict[tuple[int, ...], bool] = {}
+
+    def refuted_after(self, sequence: tuple[int, ...]) -> int:
+        """Number of actions after which a label refutes a sequence; 0 if none does."""
+        lengths = range(1, len(sequence) + 1)
+        return next((length for length in lengths if sequence[:length] in self._bad), 0)
+
+    def known_steps(self, sequence: tuple[int, ...]) -> list[bool]:
+        """For each j whether f_j of this sequence is known; once it is bad, it stays so."""
+        undecided = (self.refuted_after(sequence) or len(sequence) + 1) - 1
+        known = [self._is_known(sequence[:length]) for length in range(1, undecided + 1)]
+        return known + [True] * (len(sequence) - undecided)
+
+    def _is_known(self, prefix: tuple[int, ...]) -> bool:
+        """Whether a prefix is promising, or known not to be."""
+        return prefix in self._promising or self._is_bad(prefix, self._symbols.state_after(prefix))
+
+    def _is_bad(self, prefix: tuple[int, ...], state: int) -> bool:
+        """Whether nothing feasible of at most the shortest length begins with a prefix."""
+        if prefix in self._bad:
+            return True
+        if prefix in self._promising or prefix not in self._visited:
+            return False
+        if prefix not in self._known:
+            grounding, remaining = self._symbols.grounding, self._longest - len(prefix) - 1
+            self._known[prefix] = all(
+                self._is_bad((*prefix, action), after)
+                for action in grounding.applicable(state)
+                for after in [grounding.successor(state, action)]
+                if remaining >= 0 and grounding.can_reach_goal(after, remaining)
+            )
+        return self._known[prefix]

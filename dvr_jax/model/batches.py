@@ -44,26 +44,30 @@ class Batch(NamedTuple):
     """Image of the goal's tuple (B,)."""
     symbol: NDArray[np.int32]
     """(B, K)."""
+    normal: NDArray[np.float32]
+    """(B, K, 2)."""
     image: NDArray[np.int32]
     """Image of each action's tuple (B, K)."""
     target: NDArray[np.float32]
     """0 or 1 (B, K)."""
     mask: NDArray[np.float32]
-    """1 where a step counts (B, K): before a sequence's end, or (classifier) at its last action and, where it is
-    feasible, at all of them."""
+    """1 where a step counts (B, K): where its target is known, or (classifier) at a sequence's last action and, where
+    it is feasible, at all of them."""
 
 
 @dataclass(frozen=True)
 class SceneTable:
     """What batches need of S scenes with at most N objects."""
 
-    depth: jax.Array
-    """Normalised depth (S, H, W), on the device."""
+    height: jax.Array
+    """Heights (S, H, W), on the device."""
     masks: jax.Array
     """0 or 1 (S, N + 2, H, W), on the device."""
     groundings: tuple[Grounding, ...]
     symbol: NDArray[np.int32]
     """By scene and action (S, 12 N)."""
+    normal: NDArray[np.float32]
+    """By scene and action (S, 12 N, 2)."""
     tuple_index: NDArray[np.int32]
     """By scene and action (S, 12 N)."""
     pairs: NDArray[np.int32]
@@ -86,15 +90,18 @@ def scene_table(scenes: Sequence[Scene], images: ImageStack) -> SceneTable:
     most = max(len(codes.pairs) for _, codes in rows)
     actions = max(len(codes.symbol) for _, codes in rows)
     symbol, tuple_index = np.zeros((2, len(scenes), actions), np.int32)
+    normal = np.zeros((len(scenes), actions, 2), np.float32)
     pairs = np.zeros((len(scenes), most, 2), np.int32)
     for i, (_, codes) in enumerate(rows):
         symbol[i, : len(codes.symbol)], tuple_index[i, : len(codes.symbol)] = codes.symbol, codes.tuple_index
+        normal[i, : len(codes.normal)] = codes.normal
         pairs[i, : len(codes.pairs)] = codes.pairs
     return SceneTable(
-        jnp.asarray(images.depth),
+        jnp.asarray(images.height),
         jnp.asarray(images.masks),
         tuple(grounding for grounding, _ in rows),
         symbol,
+        normal,
         tuple_index,
         pairs,
         np.array([goal_tuple(scene) for scene in scenes], np.int32),
@@ -109,6 +116,8 @@ def check_examples(examples: Examples, source: str) -> None:
     shapes = {
         "actions": (examples.actions.shape, (number, longest)),
         "targets": (examples.targets.shape, (number, longest)),
+        "known": (examples.known.shape, (number, longest)),
+        "refuted_after": (examples.refuted_after.shape, (number,)),
         "length": (examples.length.shape, (number,)),
         "feasible": (examples.feasible.shape, (number,)),
     }
@@ -146,14 +155,21 @@ class Draws:
     A batch draws distinct scenes, each with the same probability; if it is to hold feasible sequences, it draws again
     until a scene has some. The sequences are dealt out evenly to the scenes, the `least_feasible` first ones to those
     that have feasible sequences, and each is drawn, with repetition, from its scene's. So a scene with many labels
-    counts no more than another, and there are few images to encode."""
+    counts no more than another, and there are few images to encode.
+
+    The others are drawn by stratum, each of a scene's as likely as another: how many actions it takes until a sequence
+    is refuted, and whether it ends there. Among all sequences of a scene nearly every one is a long continuation of a
+    refuted prefix; that the object cannot be put onto an occupied target, which is a sequence of two actions, would
+    hardly ever be seen."""
 
     rows: NDArray[np.integer]
-    """Sequences in the order of their scenes (n,)."""
+    """Sequences in the order of their scenes and strata (n,)."""
     feasible: NDArray[np.integer]
     """Of these, the feasible ones (m,)."""
+    strata: NDArray[np.integer]
+    """Where each stratum's part of `rows` begins, and n (T + 1,)."""
     bounds: NDArray[np.integer]
-    """Where each scene's part of `rows` begins, and n (G + 1,)."""
+    """Where each scene's part of the strata begins, and T (G + 1,)."""
     feasible_bounds: NDArray[np.integer]
     """The same for `feasible` (G + 1,)."""
     scenes: int
@@ -164,17 +180,26 @@ class Draws:
     """Of these, drawn from the feasible ones; 0 if there are none."""
 
     @staticmethod
-    def of(examples: Examples, rows: NDArray[np.integer], scenes: int, batch: int, least_feasible: int) -> Draws:
-        """Draws of these sequences (n,)."""
-        scene = np.asarray(examples.scene)
-        rows = rows[np.argsort(scene[rows], kind="stable")]
+    def of(
+        examples: Examples,
+        rows: NDArray[np.integer],
+        scenes: int,
+        batch: int,
+        least_feasible: int,
+        stratified: bool = True,
+    ) -> Draws:
+        """Draws of these sequences (n,); without strata all sequences of a scene are as likely as each other."""
+        scene, refuted = np.asarray(examples.scene), np.asarray(examples.refuted_after)
+        stratum = (2 * refuted + (refuted == examples.length)) * stratified
+        rows = rows[np.lexsort((stratum[rows], scene[rows]))]
         feasible = rows[np.asarray(examples.feasible)[rows]]
         known = np.unique(scene[rows])
-        bounds, feasible_bounds = (
-            np.append(np.searchsorted(scene[part], known), len(part)) for part in (rows, feasible)
-        )
+        begins = (np.diff(scene[rows], prepend=-1) != 0) | (np.diff(stratum[rows], prepend=-1) != 0)
+        strata = np.append(np.flatnonzero(begins), len(rows))
+        bounds = np.append(np.searchsorted(scene[rows[strata[:-1]]], known), len(strata) - 1)
+        feasible_bounds = np.append(np.searchsorted(scene[feasible], known), len(feasible))
         least_feasible = least_feasible if len(feasible) else 0
-        return Draws(rows, feasible, bounds, feasible_bounds, min(scenes, len(known)), batch, least_feasible)
+        return Draws(rows, feasible, strata, bounds, feasible_bounds, min(scenes, len(known)), batch, least_feasible)
 
     def draw(self, seed: int, step: int) -> NDArray[np.integer]:
         """The sequences of one batch (B,); a function of its arguments."""
@@ -186,10 +211,11 @@ class Draws:
                 break
         first = np.resize(solved, self.least_feasible)
         rest = np.resize(chosen, self.batch - self.least_feasible)
+        stratum = generator.integers(self.bounds[rest], self.bounds[rest + 1])
         return np.concatenate(
             [
                 self.feasible[generator.integers(self.feasible_bounds[first], self.feasible_bounds[first + 1])],
-                self.rows[generator.integers(self.bounds[rest], self.bounds[rest + 1])],
+                self.rows[generator.integers(self.strata[stratum], self.strata[stratum + 1])],
             ]
         )
 
@@ -200,7 +226,8 @@ class Draws:
             ones = np.where(examples.feasible, length, 0).astype(float)
             steps = np.where(examples.feasible, length, 1).astype(float)
         else:
-            ones, steps = np.asarray(examples.targets).sum(axis=1, dtype=float), length.astype(float)
+            ones = np.asarray(examples.targets).sum(axis=1, dtype=float)
+            steps = np.asarray(examples.known).sum(axis=1, dtype=float)
         solved = np.diff(self.feasible_bounds) > 0
         # Scenes with feasible sequences are as likely as each other, and so are those without; batches of the latter
         # alone are drawn again if they are to hold feasible sequences.
@@ -212,7 +239,7 @@ class Draws:
 
         def expected(values: NDArray[np.floating]) -> float:
             """Expected sum over a batch of a value of each sequence."""
-            of_all = _means(values[self.rows], self.bounds)
+            of_all = _means(_means(values[self.rows], self.strata), self.bounds)
             of_feasible = _means(values[self.feasible], self.feasible_bounds)
             return float(rest * weight @ of_all + first @ of_feasible)
 
@@ -253,13 +280,13 @@ def assemble_batch(
     view_scene, distinct = _filled(view_scene, VIEW_BUCKET), _filled(distinct, IMAGE_BUCKET)
     view_turned = np.zeros(len(view_scene), np.bool_) if turned is None else turned[view_scene]
     image_view, image_tuple = np.divmod(distinct, count)
-    symbol = table.symbol[scene[:, None], actions]
+    symbol, normal = table.symbol[scene[:, None], actions], table.normal[scene[:, None], actions]
     if kind == "classifier":
         # All prefixes of a feasible sequence are feasible; of an infeasible one only the whole is known to be not.
         target = np.broadcast_to(np.asarray(examples.feasible)[rows][:, None], actions.shape)
         mask = (steps == length - 1) | (target & inside)
     else:
-        mask, target = inside, np.asarray(examples.targets)[rows]
+        mask, target = np.asarray(examples.known)[rows], np.asarray(examples.targets)[rows]
     return Batch(
         view_scene.astype(np.int32),
         view_turned,
@@ -267,6 +294,7 @@ def assemble_batch(
         table.pairs[view_scene[image_view], image_tuple],
         image[:, -1],
         np.where(view_turned[view][:, None], TURNED[symbol], symbol),
+        np.where(view_turned[view][:, None, None], -normal, normal),
         image[:, :-1],
         np.where(mask, target, 0).astype(np.float32),
         mask.astype(np.float32),

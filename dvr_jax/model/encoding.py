@@ -52,6 +52,9 @@ class ActionCodes(NamedTuple):
 
     symbol: NDArray[np.int32]
     """Index into SYMBOLS (A,)."""
+    normal: NDArray[np.float32]
+    """Horizontal outward normal (A, 2) of the face that is grasped, in the world; zero of a place and of a cylinder,
+    whose faces are not told apart."""
     tuple_index: NDArray[np.int32]
     """Index into `pairs` (A,)."""
     pairs: NDArray[np.int32]
@@ -73,7 +76,7 @@ def goal_tuple(scene: Scene) -> int:
 
 def encode_actions(grounding: Grounding, objects: Sequence[SceneObject]) -> ActionCodes:
     """Codes of `grounding.actions` over these objects, in the scene's order."""
-    symbols, tuples = [], []
+    symbols, normals, tuples = [], [], []
     index = {item.name: i for i, item in enumerate(objects)}
     for action in grounding.actions:
         place = OBJECT_ARGUMENT.get(action.operator)
@@ -83,6 +86,7 @@ def encode_actions(grounding: Grounding, objects: Sequence[SceneObject]) -> Acti
         if name not in index:
             raise DvrError(f"{action}: '{name}' is no object of the scene; objects: {listed(index)}.")
         words = (*action.arguments[:place], *action.arguments[place + 1 :])
+        normals.append(_normal(words[-1], objects[index[name]]))
         if action.operator == "grasp" and words[1] in FACES:
             words = words[0], direction(words[1], objects[index[name]])
         symbol = (action.operator, *words)
@@ -91,7 +95,20 @@ def encode_actions(grounding: Grounding, objects: Sequence[SceneObject]) -> Acti
             raise DvrError(f"{action}: the network knows no {action.operator} {words}; it knows: {listed(same)}.")
         symbols.append(_CODE[symbol])
         tuples.append(index[name] + (len(objects) if symbol in _PLACE_ON_GOAL else 0))
-    return ActionCodes(np.array(symbols, np.int32), np.array(tuples, np.int32), object_pairs(len(objects)))
+    return ActionCodes(
+        np.array(symbols, np.int32),
+        np.array(normals, np.float32).reshape(-1, 2),
+        np.array(tuples, np.int32),
+        object_pairs(len(objects)),
+    )
+
+
+def _normal(word: str, item: SceneObject) -> tuple[float, float]:
+    """Horizontal normal of a box's face; zero where the word names none."""
+    if word not in FACES or item.shape == "cylinder":
+        return 0.0, 0.0
+    angle = item.yaw + FACES.index(word) * math.pi / 2
+    return math.cos(angle), math.sin(angle)
 
 
 def direction(face: str, item: SceneObject) -> str:

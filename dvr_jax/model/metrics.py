@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -49,7 +50,7 @@ def _greedy(weights: Weights, table: SceneTable, scenes: NDArray[np.int_], k_max
     full = np.resize(scenes, SCENES_AT_ONCE)
     plain, view = np.zeros(SCENES_AT_ONCE, np.bool_), np.repeat(np.arange(SCENES_AT_ONCE, dtype=np.int32), count)
     shown = full.astype(np.int32), plain, view, table.pairs[full].reshape(-1, 2)
-    codes = _encode(weights, table.depth, table.masks, *shown)
+    codes = _encode(weights, table.height, table.masks, *shown)
     states = [grounding.initial_state for grounding in groundings]
     sequences: list[list[int]] = [[] for _ in scenes]
     running = [i for i, grounding in enumerate(groundings) if not grounding.is_goal(grounding.initial_state)]
@@ -65,6 +66,7 @@ def _greedy(weights: Weights, table: SceneTable, scenes: NDArray[np.int_], k_max
             codes,
             hidden[place],
             table.symbol[scene, actions],
+            table.normal[scene, actions],
             place * count + table.tuple_index[scene, actions],
             place * count + table.goal_tuple[scene],
         )
@@ -91,12 +93,12 @@ def _open_actions(grounding: Grounding, state: int, remaining: int) -> list[int]
 
 
 def _advance_rows(
-    weights: Weights, codes: jax.Array, hidden: NDArray[np.float32], *indices: NDArray[np.integer]
+    weights: Weights, codes: jax.Array, hidden: NDArray[np.float32], *columns: NDArray[Any]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """`_advance` of rows, padded to few sizes."""
     count = len(hidden)
     padding = -count % _ROWS
-    rows = [np.pad(index.astype(np.int32), (0, padding)) for index in indices]
+    rows = [np.pad(column, [(0, padding), *[(0, 0)] * (column.ndim - 1)]) for column in columns]
     logits, after = _advance(weights, codes, np.pad(hidden, ((0, padding), (0, 0))), *rows)
     return np.asarray(logits)[:count], np.asarray(after)[:count]
 
@@ -106,7 +108,14 @@ _encode = jax.jit(encode_images)
 
 @jax.jit
 def _advance(
-    weights: Weights, codes: jax.Array, hidden: jax.Array, symbol: jax.Array, image: jax.Array, goal: jax.Array
+    weights: Weights,
+    codes: jax.Array,
+    hidden: jax.Array,
+    symbol: jax.Array,
+    normal: jax.Array,
+    image: jax.Array,
+    goal: jax.Array,
 ) -> tuple[jax.Array, jax.Array]:
-    """Logits (B,) and states (B, H) after actions with symbols (B,) and rows (B,) of image and goal codes."""
-    return step(weights, hidden, encode_symbols(weights, symbol), codes[image], jnp.asarray(codes[goal]))
+    """Logits (B,) and states (B, H) after actions with symbols (B,), normals (B, 2) of their faces and rows (B,) of
+    image and goal codes."""
+    return step(weights, hidden, encode_symbols(weights, symbol, normal), codes[image], jnp.asarray(codes[goal]))

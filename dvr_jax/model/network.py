@@ -56,6 +56,12 @@ class NetworkConfig:
     """Size of an image's code and of a symbol's."""
     hidden: int = 300
     """Size of the GRU's state."""
+    normals: bool = True
+    """Whether a grasp's symbol comes with the normal of the face, beside the paper's network; without it, a face is
+    known by where it looks to within 45 degrees."""
+    pooling: bool = True
+    """Whether an image's code also sees the strongest response of each last channel anywhere in the image, beside the
+    paper's network, whose dense layer has to learn for each place anew what stands there."""
     goal: bool = True
     """Whether the goal's tuple is an input; without it, the network is the recurrent feasibility classifier."""
 
@@ -85,6 +91,8 @@ class Network(nn.Module):
             for channels, stride in zip(config.channels, STRIDES, strict=True)
         ]
         self.image_dense = nn.Dense(config.dense)
+        if config.pooling:
+            self.pool_dense = nn.Dense(config.dense, use_bias=False)
         self.symbol_dense = nn.Dense(config.dense)
         self.cell = nn.GRUCell(config.hidden)
         self.output = nn.Dense(1)
@@ -93,11 +101,15 @@ class Network(nn.Module):
         """Codes (B, dense) of action-object images (B, H, W, 3); `encode_images` below gives the same, faster."""
         for convolution in self.convolutions:
             images = nn.relu(convolution(images))
-        return self.image_dense(images.reshape(images.shape[0], -1))
+        code = self.image_dense(images.reshape(images.shape[0], -1))
+        return code + self.pool_dense(images.max((1, 2))) if self.config.pooling else code
 
-    def encode_symbols(self, symbols: jax.Array) -> jax.Array:
-        """Codes (..., dense) of symbols (...), indices into SYMBOLS."""
-        return nn.relu(self.symbol_dense(jax.nn.one_hot(symbols, len(SYMBOLS), dtype=jnp.float32)))
+    def encode_symbols(self, symbols: jax.Array, normals: jax.Array) -> jax.Array:
+        """Codes (..., dense) of symbols (...), indices into SYMBOLS, and normals (..., 2) of the faces."""
+        inputs = jax.nn.one_hot(symbols, len(SYMBOLS), dtype=jnp.float32)
+        if self.config.normals:
+            inputs = jnp.concatenate([inputs, normals], axis=-1)
+        return nn.relu(self.symbol_dense(inputs))
 
     def step(
         self, hidden: jax.Array, symbol_code: jax.Array, image_code: jax.Array, goal_code: jax.Array | None
@@ -115,7 +127,8 @@ class Network(nn.Module):
         """Logits (B,) of first actions whose tuple is the goal's; touches every parameter, for initialisation."""
         code = self.encode_images(images)
         hidden = jnp.zeros((len(images), self.config.hidden), jnp.float32)
-        return self.step(hidden, self.encode_symbols(symbols), code, code)[0]
+        normals = jnp.zeros((len(images), 2), jnp.float32)
+        return self.step(hidden, self.encode_symbols(symbols, normals), code, code)[0]
 
 
 @jax.tree_util.register_dataclass
@@ -160,40 +173,41 @@ def initial_weights(config: NetworkConfig, seed: int) -> Weights:
 
 def encode_images(
     weights: Weights,
-    depth: jax.Array,
+    height: jax.Array,
     masks: jax.Array,
     scene: jax.Array,
     turned: jax.Array,
     view: jax.Array,
     pairs: jax.Array,
 ) -> jax.Array:
-    """Codes (B, dense) of action-object images of shown scenes: image b has the depth of view `view[b]` (B,) and its
-    masks `pairs[b]` (B, 2), of the views that `images.show_scenes` makes of depth (S, H, W), masks (S, M, H, W), scene
-    (V,) and turned (V,). The last of a scene's masks is all zeros.
+    """Codes (B, dense) of action-object images of shown scenes: image b has the heights of view `view[b]` (B,) and its
+    masks `pairs[b]` (B, 2), of the views that `images.show_scenes` makes of heights (S, H, W), masks (S, M, H, W),
+    scene (V,) and turned (V,). The last of a scene's masks is all zeros.
 
-    The first convolution is linear, so the depth's part is convolved once per view and the masks' once per mask."""
+    The first convolution is linear, so the heights' part is convolved once per view and the masks' once per mask."""
     layers = [weights.parameters[f"convolutions_{i}"] for i in range(len(STRIDES))]
-    seen, marked = show_scenes(depth, masks, scene, turned)
+    seen, marked = show_scenes(height, masks, scene, turned)
     ground, first, second = (packed_kernel(layers[0]["kernel"][:, :, i : i + 1]) for i in range(CHANNELS))
     bias = jnp.tile(layers[0]["bias"], 4)
-    of_depth = convolve(pack(seen[..., None]), ground) + bias
+    of_height = convolve(pack(seen[..., None]), ground) + bias
     marked = marked[:, :-1]
     of_masks = convolve(pack(marked.reshape(-1, *marked.shape[2:], 1)), jnp.concatenate([first, second], axis=-1))
     # Of the two channels' parts; the zeros are none of the masks that were convolved.
     count = marked.shape[1]
     place = jnp.where(pairs < count, view[:, None] * count + pairs, len(of_masks))
     parts = [take(part, place[:, i]) for i, part in enumerate(jnp.split(of_masks, 2, axis=-1))]
-    images = nn.relu(take(of_depth, view) + parts[0] + parts[1])
+    images = nn.relu(take(of_height, view) + parts[0] + parts[1])
     images = nn.relu(convolve(images, halving_kernel(layers[1]["kernel"])) + layers[1]["bias"])
     images = nn.relu(convolve(pack(images), halving_kernel(layers[2]["kernel"])) + layers[2]["bias"])
     dense = weights.parameters["image_dense"]
-    return images.reshape(images.shape[0], -1) @ dense["kernel"] + dense["bias"]
+    code = images.reshape(images.shape[0], -1) @ dense["kernel"] + dense["bias"]
+    return code + images.max((1, 2)) @ weights.parameters["pool_dense"]["kernel"] if weights.config.pooling else code
 
 
-def encode_symbols(weights: Weights, symbols: jax.Array) -> jax.Array:
-    """Codes (..., dense) of symbols (...)."""
+def encode_symbols(weights: Weights, symbols: jax.Array, normals: jax.Array) -> jax.Array:
+    """Codes (..., dense) of symbols (...) and normals (..., 2)."""
     network, variables = weights.network()
-    return _only(network.apply(variables, symbols, method=Network.encode_symbols))
+    return _only(network.apply(variables, symbols, normals, method=Network.encode_symbols))
 
 
 def step(

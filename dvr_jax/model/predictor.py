@@ -97,11 +97,12 @@ class Predictor:
         pairs[: len(actions.pairs)] = actions.pairs
         codes = _encode_scene(
             self.weights,
-            jnp.asarray(images.depth),
+            jnp.asarray(images.height),
             jnp.asarray(images.masks),
             jnp.asarray(pairs),
             jnp.asarray(goal_tuple(scene), jnp.int32),
             _padded(actions.symbol, _MOST_ACTIONS),
+            _padded(actions.normal, _MOST_ACTIONS),
             _padded(actions.tuple_index, _MOST_ACTIONS),
         )
         return SceneCode(scene, grounding, codes, self.weights.config.hidden)
@@ -150,18 +151,19 @@ def _padded(rows: NDArray[Any], size: int) -> jax.Array:
 @Program
 def _encode_scene(
     weights: Weights,
-    depth: jax.Array,
+    height: jax.Array,
     masks: jax.Array,
     pairs: jax.Array,
     goal: jax.Array,
     symbols: jax.Array,
+    normals: jax.Array,
     tuples: jax.Array,
 ) -> _Codes:
-    """Codes of one scene: depth (1, H, W), masks (1, M, H, W), pairs (P, 2), goal's tuple (), symbol and tuple of each
-    action (A,)."""
+    """Codes of one scene: heights (1, H, W), masks (1, M, H, W), pairs (P, 2), goal's tuple (), symbol and tuple of
+    each action (A,), normal of its face (A, 2)."""
     only = jnp.zeros(1, jnp.int32)
-    images = encode_images(weights, depth, masks, only, only > 0, jnp.zeros(len(pairs), jnp.int32), pairs)
-    return _Codes(encode_symbols(weights, symbols), images[tuples], images[goal])
+    images = encode_images(weights, height, masks, only, only > 0, jnp.zeros(len(pairs), jnp.int32), pairs)
+    return _Codes(encode_symbols(weights, symbols, normals), images[tuples], images[goal])
 
 
 @Program

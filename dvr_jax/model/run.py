@@ -32,7 +32,7 @@ from dvr_jax.model.batches import (
 from dvr_jax.model.checkpoint import CheckpointFolder, TrainingState
 from dvr_jax.model.export import Header, Kind, export_weights
 from dvr_jax.model.history import History, save_curves
-from dvr_jax.model.images import DEPTH_RANGE, ImageStack, scene_images, stack_images
+from dvr_jax.model.images import UNIT_HEIGHT, ImageStack, scene_images, stack_images
 from dvr_jax.model.network import NetworkConfig, Weights, initial_weights
 from dvr_jax.model.training import ADAM, Validation, train_step
 from dvr_jax.scene.pinhole import SCENE_CAMERA
@@ -59,12 +59,19 @@ class TrainOptions:
     """Batches to train on."""
     image_size: int = 64
     """Height and width of the images in pixels."""
+    normals: bool = True
+    """Give the normal of the grasped face with a grasp's symbol; without it, the network is the paper's."""
+    pooling: bool = True
+    """Give an image's code the strongest responses anywhere in the image; without it, the network is the paper's."""
     learning_rate: float = 5e-4
     """Of Adam."""
     batch: int = 48
     """Sequences in a batch."""
     least_feasible: int = 16
     """Of these, drawn from the feasible ones."""
+    stratified: bool = True
+    """Draw the other sequences evenly by the number of actions after which they are refuted; without it, evenly among
+    all of a scene's."""
     scenes: int = 12
     """Distinct scenes in a batch; the fewer, the faster is a step."""
     turn: bool = True
@@ -138,7 +145,7 @@ def prepare(options: TrainOptions, examples: Examples, held_out: Examples | None
         rows, validation_rows = rows[~aside], rows[aside]
         if not len(rows):
             raise DvrError(f"all {len(examples.scenes)} scenes are held out; give more scenes or a smaller --held-out.")
-    draws = Draws.of(examples, rows, options.scenes, options.batch, options.least_feasible)
+    draws = Draws.of(examples, rows, options.scenes, options.batch, options.least_feasible, options.stratified)
     weight = options.positive_weight
     if weight is None:
         share = draws.share_of_ones(examples, options.kind)
@@ -174,7 +181,7 @@ def train(options: TrainOptions, data: TrainingData, network: NetworkConfig, say
             turned = draw_turned(len(data.examples.scenes), options.seed, step) if options.turn else None
             batch = assemble_batch(data.examples, data.table, rows, options.kind, turned)
             weights, optimizer, loss = train_step(
-                weights, optimizer, data.table.depth, data.table.masks, batch, rate, positive
+                weights, optimizer, data.table.height, data.table.masks, batch, rate, positive
             )
             losses.append(loss)
             if step % options.log_every == 0:
@@ -202,7 +209,7 @@ def train(options: TrainOptions, data: TrainingData, network: NetworkConfig, say
 
 def _course(options: TrainOptions, data: TrainingData) -> dict[str, Any]:
     """Everything on which the course of a run depends besides network, kind and domain; not when it ends."""
-    names = ("learning_rate", "batch", "least_feasible", "scenes", "turn", "seed")
+    names = ("learning_rate", "batch", "least_feasible", "stratified", "scenes", "turn", "seed")
     split = "separate" if options.validation else options.held_out
     return {
         **{name: getattr(options, name) for name in names},
@@ -215,14 +222,14 @@ def _course(options: TrainOptions, data: TrainingData) -> dict[str, Any]:
 def _fingerprint(examples: Examples) -> str:
     """Hash of scenes, sequences and labels."""
     digest = hashlib.sha256(repr(tuple(examples.scenes)).encode())
-    for array in (examples.scene, examples.actions, examples.targets, examples.length, examples.feasible):
+    for array in examples[1:]:
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()[:16]
 
 
 def _table(scenes: Sequence[Scene], size: int, cache: Path, say: Say) -> SceneTable:
     """Table of the scenes; their images are read from `cache` if they are there, else rendered and kept there."""
-    key = hashlib.sha256(repr((tuple(scenes), size, SCENE_CAMERA, DEPTH_RANGE)).encode()).hexdigest()
+    key = hashlib.sha256(repr((tuple(scenes), size, SCENE_CAMERA, UNIT_HEIGHT)).encode()).hexdigest()
     images = _read_images(cache, key)
     if images is None:
         say(f"rendering {len(scenes)} scenes")
@@ -230,7 +237,7 @@ def _table(scenes: Sequence[Scene], size: int, cache: Path, say: Say) -> SceneTa
         images = stack_images([scene_images(scene, size) for scene in scenes], most)
         cache.parent.mkdir(parents=True, exist_ok=True)
         partial = cache.with_suffix(".partial.npz")
-        np.savez_compressed(partial, key=np.array(key), depth=images.depth, masks=images.masks)
+        np.savez_compressed(partial, key=np.array(key), height=images.height, masks=images.masks)
         os.replace(partial, cache)
     return scene_table(scenes, images)
 
@@ -239,6 +246,6 @@ def _read_images(cache: Path, key: str) -> ImageStack | None:
     """Images kept under this key; None where there are none."""
     try:
         with np.load(cache, allow_pickle=False) as file:
-            return ImageStack(file["depth"], file["masks"]) if str(file["key"]) == key else None
+            return ImageStack(file["height"], file["masks"]) if str(file["key"]) == key else None
     except (FileNotFoundError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         return None

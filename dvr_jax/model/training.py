@@ -28,11 +28,11 @@ VALIDATION_BATCH = 64
 ADAM = optax.scale_by_adam()
 
 
-def batch_logits(weights: Weights, depth: jax.Array, masks: jax.Array, batch: Batch) -> jax.Array:
-    """Logits (B, K) of a batch, its images taken from depth (S, H, W) and masks (S, M, H, W)."""
+def batch_logits(weights: Weights, height: jax.Array, masks: jax.Array, batch: Batch) -> jax.Array:
+    """Logits (B, K) of a batch, its images taken from heights (S, H, W) and masks (S, M, H, W)."""
     shown = (batch.view_scene, batch.view_turned, batch.image_view, batch.image_pair)
-    codes = encode_images(weights, depth, masks, *(jnp.asarray(value) for value in shown))
-    symbols = encode_symbols(weights, jnp.asarray(batch.symbol))
+    codes = encode_images(weights, height, masks, *(jnp.asarray(value) for value in shown))
+    symbols = encode_symbols(weights, jnp.asarray(batch.symbol), jnp.asarray(batch.normal))
     return run_sequence(weights, symbols, codes[jnp.asarray(batch.image)], codes[jnp.asarray(batch.goal_image)])
 
 
@@ -50,10 +50,10 @@ def weighted_loss(
 
 @jax.jit
 def evaluate_batch(
-    weights: Weights, depth: jax.Array, masks: jax.Array, batch: Batch, positive_weight: jax.Array
+    weights: Weights, height: jax.Array, masks: jax.Array, batch: Batch, positive_weight: jax.Array
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Loss () of a batch, the sum of weights () it is a mean over, and logits (B, K)."""
-    logits = batch_logits(weights, depth, masks, batch)
+    logits = batch_logits(weights, height, masks, batch)
     loss, total = weighted_loss(logits, batch.target, batch.mask, positive_weight)
     return loss, total, logits
 
@@ -62,7 +62,7 @@ def evaluate_batch(
 def train_step(
     weights: Weights,
     optimizer: Any,
-    depth: jax.Array,
+    height: jax.Array,
     masks: jax.Array,
     batch: Batch,
     learning_rate: jax.Array,
@@ -71,7 +71,7 @@ def train_step(
     """Weights and Adam's state after one step, and the loss () before it. Consumes weights and state."""
 
     def loss(parameters: Parameters) -> jax.Array:
-        logits = batch_logits(Weights(parameters, weights.config), depth, masks, batch)
+        logits = batch_logits(Weights(parameters, weights.config), height, masks, batch)
         return weighted_loss(logits, batch.target, batch.mask, positive_weight)[0]
 
     value, gradient = jax.value_and_grad(loss)(weights.parameters)
@@ -124,7 +124,7 @@ class Validation:
             filled = np.append(rows, np.full(VALIDATION_BATCH - len(rows), self.rows[0]))
             batch = assemble_batch(self.examples, self.table, filled, self.kind)
             batch = batch._replace(mask=batch.mask * (np.arange(VALIDATION_BATCH) < len(rows))[:, None])
-            loss, total, logits = evaluate_batch(weights, self.table.depth, self.table.masks, batch, scale)
+            loss, total, logits = evaluate_batch(weights, self.table.height, self.table.masks, batch, scale)
             counts = batch.mask > 0
             losses.append(float(loss) * float(total))
             totals.append(float(total))

@@ -2,11 +2,15 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dvr_jax.dataset import targets
+from dvr_jax.dataset.symbols import scene_symbols
+from dvr_jax.dataset.targets import Verdicts
 from dvr_jax.errors import DvrError
+from dvr_jax.logic import enumerate_sequences
+from dvr_jax.scene.sampling import sample_scenes
 
 SEQUENCES = st.lists(
     st.tuples(st.lists(st.integers(0, 2), min_size=1, max_size=4).map(tuple), st.booleans()), max_size=12
@@ -41,3 +45,34 @@ def test_by_hand() -> None:
 def test_one_verdict_for_each_sequence() -> None:
     with pytest.raises(DvrError, match="2 sequences and 1 verdicts"):
         targets([(1,), (2,)], [True])
+
+
+SYMBOLS = scene_symbols(next(sample_scenes(1, 2, 0)))
+REACHING = [s for length in (2, 3, 4) for s in enumerate_sequences(SYMBOLS.grounding, length)]
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 10**6), st.sampled_from([0.1, 0.7, 0.95, 1.0]))
+def test_what_is_known_of_a_prefix_follows_from_all_sequences_up_to_the_shortest_solution(
+    seed: int, labelled: float
+) -> None:
+    generator = np.random.default_rng(seed)
+    proper = sorted({sequence[:length] for sequence in REACHING for length in (1, 2, 3) if length < len(sequence)})
+    refuted = {prefix for prefix in proper if generator.random() < 0.1}
+    left = [s for s in REACHING if not any(s[:length] in refuted for length in range(len(s)))]
+    good = {s for s in left if len(s) >= 3 and generator.random() < 0.02}
+    bad = {s for s in left if s not in good and generator.random() < labelled}
+    shortest = min(map(len, good), default=0)
+    verdicts = Verdicts(SYMBOLS, good, bad, refuted)
+
+    def is_bad(sequence: tuple[int, ...]) -> bool:
+        return any(sequence[:length] in refuted | bad for length in range(1, len(sequence) + 1))
+
+    for sequence in [*good, *bad, *(s for s in REACHING[::50] if is_bad(s))]:
+        expected = []
+        for length in range(1, len(sequence) + 1):
+            prefix = sequence[:length]
+            begun = [s for s in REACHING if len(s) <= shortest and s[:length] == prefix]
+            promising = any(s[:length] == prefix for s in good)
+            expected.append(promising or is_bad(prefix) or all(map(is_bad, begun)))
+        assert verdicts.known_steps(sequence) == expected

@@ -30,6 +30,8 @@ def sided_examples(number: int, seed: int, objects: int = 2, longest: int = 2) -
         np.array([scene for scene, _, _ in rows], np.int32),
         actions,
         targets,
+        np.arange(longest) < np.array([[len(sequence)] for _, sequence, _ in rows]),
+        np.array([0 if label else len(row[1]) for row, label in zip(rows, labels, strict=True)], np.int32),
         np.array([len(sequence) for _, sequence, _ in rows], np.int32),
         np.array(labels),
     )

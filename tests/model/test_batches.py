@@ -47,6 +47,9 @@ def test_every_step_finds_symbol_and_masks_of_its_action() -> None:
             symbol = (action.operator, *words)
             second = number if symbol[-1] == "goal" else number + 1
             assert SYMBOLS[batch.symbol[b, k]] == symbol
+            turn = item.yaw + (FACES.index(action.arguments[1]) * np.pi / 2 if action.operator == "grasp" else 0)
+            normal = [np.cos(turn), np.sin(turn)] if action.operator == "grasp" else [0, 0]
+            np.testing.assert_allclose(batch.normal[b, k], normal, atol=1e-6)
             assert batch.view_scene[batch.image_view[batch.image[b, k]]] == MIXED.scene[row]
             assert tuple(batch.image_pair[batch.image[b, k]]) == (scene.object_index(name), second)
         assert batch.view_scene[batch.image_view[batch.goal_image[b]]] == MIXED.scene[row]
@@ -74,6 +77,8 @@ def test_turned_scenes_are_turned_views_with_turned_symbols() -> None:
     assert set(here) == {False, True}
     np.testing.assert_array_equal(batch.symbol[here], TURNED[plain.symbol[here]])
     np.testing.assert_array_equal(batch.symbol[~here], plain.symbol[~here])
+    np.testing.assert_array_equal(batch.normal[here], -plain.normal[here])
+    np.testing.assert_array_equal(batch.normal[~here], plain.normal[~here])
     np.testing.assert_array_equal(batch.view_turned, turned[batch.view_scene])
     assert not plain.view_turned.any()
     for name in ("view_scene", "image_view", "image_pair", "image", "goal_image", "target", "mask"):
@@ -115,6 +120,29 @@ def test_batch_is_dealt_out_to_its_scenes_and_holds_enough_feasible() -> None:
         assert np.unique(rest, return_counts=True)[1].tolist() == [16, 16]
     few = Draws.of(MIXED, without_solutions(tuple(range(5))), 12, 48, 16)
     assert len(few.draw(0, 0)) == 48 and set(MIXED.scene[few.draw(0, 0)]) == set(range(5))
+
+
+@pytest.mark.parametrize("stratified", [True, False])
+def test_others_are_drawn_evenly_by_the_number_of_actions_after_which_they_are_refuted(stratified: bool) -> None:
+    rows = np.arange(len(MIXED.scene))[MIXED.scene == 3]
+    # Half of the longest are continuations of what was refuted after two actions.
+    refuted = np.where((MIXED.length == 3) & (np.arange(len(MIXED.scene)) % 2 == 0), 2, MIXED.refuted_after)
+    draws = Draws.of(MIXED._replace(refuted_after=refuted), rows, 1, 48, 0, stratified)
+    drawn = np.concatenate([draws.draw(0, step) for step in range(400)])
+    kinds = 10 * refuted + MIXED.length
+    kinds[MIXED.feasible] = 0
+    share = {kind: np.mean(kinds[drawn] == kind) for kind in (0, 22, 23, 33)}
+    even = dict.fromkeys(share, 0.25) if stratified else {kind: np.mean(kinds[rows] == kind) for kind in share}
+    assert sum(share.values()) == pytest.approx(1) and share == pytest.approx(even, abs=0.02)
+    one = rows[kinds[rows] == 23]
+    counts = np.bincount(drawn, minlength=len(kinds))[one]
+    assert counts.min() > 0.4 * counts.mean() and counts.max() < 1.8 * counts.mean()
+
+
+def test_steps_whose_target_is_unknown_do_not_count() -> None:
+    known = MIXED.known & (np.arange(3) != 1)
+    batch = assemble_batch(MIXED._replace(known=known), TABLE, np.arange(40), "dvr")
+    np.testing.assert_array_equal(batch.mask > 0, known[:40])
 
 
 @pytest.mark.parametrize("least_feasible", [16, 0])

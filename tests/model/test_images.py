@@ -8,7 +8,7 @@ import numpy as np
 
 from dvr_jax.logic import Action, ground_actions
 from dvr_jax.model.encoding import TURNED, encode_actions
-from dvr_jax.model.images import MASK_VALUE, normalize_depth, scene_images, show_scenes, stack_images
+from dvr_jax.model.images import BRIGHTNESS, UNIT_HEIGHT, scene_images, show_scenes, stack_images
 from dvr_jax.scene.camera import render_depth
 from dvr_jax.scene.sampling import sample_scenes
 from dvr_jax.scene.validation import make_scene
@@ -17,30 +17,34 @@ from dvr_jax.scene.validation import make_scene
 def test_layers_are_objects_goal_and_zeros() -> None:
     scene = next(sample_scenes(1, 3, 0))
     images, seen = scene_images(scene, 48), render_depth(scene, 48, 48)
-    assert images.depth.dtype == np.float32 and images.masks.dtype == np.uint8
+    assert images.height.dtype == np.float32 and images.masks.dtype == np.uint8
     assert images.masks.shape == (5, 48, 48)
     np.testing.assert_array_equal(images.masks[:3] > 0, seen.object_masks)
     np.testing.assert_array_equal(images.masks[3] > 0, seen.goal_mask)
     assert not images.masks[4].any()
 
 
-def test_depth_is_zero_on_the_table_and_tells_heights_apart() -> None:
-    np.testing.assert_allclose(normalize_depth(np.float32([2.6, 2.5, 2.35, 1.0, 3.0])), [0, -0.4, -1, -1, 1], atol=1e-6)
-    depths = np.stack([scene_images(scene, 32).depth for scene in sample_scenes(10, 2, 0)])
-    assert abs(depths.mean()) < 0.3 and depths.min() >= -1 and depths.max() <= 1
+def test_height_is_that_of_what_stands_on_the_table() -> None:
+    for scene in sample_scenes(5, 2, 0):
+        images = scene_images(scene, 64)
+        for mask, item in zip(images.masks, scene.objects, strict=False):
+            # Some rays meet the top, the others a side.
+            np.testing.assert_allclose(images.height[mask > 0].max(), item.height / UNIT_HEIGHT, atol=1e-4)
+        # Neither the arms nor the floor are seen.
+        assert not images.height[~(images.masks[:2] > 0).any(0)].any()
 
 
 def test_views_are_scenes_as_they_are_or_turned() -> None:
     scenes = [next(sample_scenes(1, number, 3)) for number in (1, 3)]
     stack = stack_images([scene_images(scene, 16) for scene in scenes], 3)
     owner, turned = np.array([1, 0, 1]), np.array([False, False, True])
-    depth, masks = show_scenes(*(jnp.asarray(item) for item in (*stack, owner, turned)))
-    assert depth.dtype == masks.dtype == jnp.float32 and masks.shape == (3, 5, 16, 16)
+    height, masks = show_scenes(*(jnp.asarray(item) for item in (*stack, owner, turned)))
+    assert height.dtype == masks.dtype == jnp.float32 and masks.shape == (3, 5, 16, 16)
     for view, (scene, back) in enumerate(zip(owner, turned, strict=True)):
         alone = scene_images(scenes[scene], 16)
         place = np.s_[..., ::-1, ::-1] if back else np.s_[...]
-        np.testing.assert_array_equal(depth[view], alone.depth[place])
-        np.testing.assert_array_equal(masks[view, : len(alone.masks)], MASK_VALUE * alone.masks[place])
+        np.testing.assert_array_equal(height[view], np.float32(BRIGHTNESS) * alone.height[place])
+        np.testing.assert_array_equal(masks[view, : len(alone.masks)], np.float32(BRIGHTNESS) * alone.masks[place])
         assert not np.asarray(masks[view, len(alone.masks) :]).any()
 
 
@@ -53,15 +57,17 @@ def test_a_turned_scene_has_turned_images_and_turned_symbols() -> None:
             replace(scene.goal, region=replace(region, position=turn(region.position), yaw=region.yaw + math.pi)),
         )
         here, there = scene_images(scene, 64), scene_images(moved, 64)
-        # Rays graze edges: single pixels differ.
+        # Rays graze edges: single ones differ.
         assert (here.masks[:, ::-1, ::-1] != there.masks).mean() < 1e-3
-        assert (np.abs(here.depth[::-1, ::-1] - there.depth) > 0.05).mean() < 5e-3
+        assert (np.abs(here.height[::-1, ::-1] - there.height) > 0.05).mean() < 5e-3
         grounding = ground_actions([item.name for item in scene.objects], scene.goal.object)
         codes, others = encode_actions(grounding, scene.objects), encode_actions(grounding, moved.objects)
         arms = {"left": "right", "right": "left"}
         for index, action in enumerate(grounding.actions):
             words = tuple(arms.get(word, word) for word in action.arguments)
-            assert others.symbol[grounding.index(Action(action.operator, words))] == TURNED[codes.symbol[index]]
+            turned = grounding.index(Action(action.operator, words))
+            assert others.symbol[turned] == TURNED[codes.symbol[index]]
+            np.testing.assert_allclose(others.normal[turned], -codes.normal[index], atol=1e-6)
 
 
 def turn(position: tuple[float, float]) -> tuple[float, float]:

@@ -47,8 +47,9 @@ def convolve(image: NDArray[Any], layer: Any, stride: int) -> NDArray[Any]:
     return np.maximum(np.stack(planes, axis=-1), 0)
 
 
-def test_image_encoder_is_three_correlations_and_a_dense_layer() -> None:
-    weights = random_weights(SMALL)
+@pytest.mark.parametrize("pooling", [True, False])
+def test_image_encoder_is_three_correlations_and_a_dense_layer(pooling: bool) -> None:
+    weights = random_weights(replace(SMALL, pooling=pooling))
     image: NDArray[Any] = np.random.default_rng(0).normal(size=(16, 16, 3)).astype(np.float32)
     network, variables = weights.network()
     code = network.apply(variables, image[None], method=Network.encode_images)
@@ -56,30 +57,33 @@ def test_image_encoder_is_three_correlations_and_a_dense_layer() -> None:
         image = convolve(image, weights.parameters[f"convolutions_{i}"], stride)
     dense = weights.parameters["image_dense"]
     expected = image.ravel() @ np.asarray(dense["kernel"], float) + np.asarray(dense["bias"], float)
+    if pooling:
+        expected = expected + image.max((0, 1)) @ np.asarray(weights.parameters["pool_dense"]["kernel"], float)
     np.testing.assert_allclose(np.asarray(code)[0], expected, rtol=1e-4, atol=1e-5)
 
 
-def test_fast_encoder_is_the_network_on_whole_images_in_values_and_gradients() -> None:
+@pytest.mark.parametrize("pooling", [True, False])
+def test_fast_encoder_is_the_network_on_whole_images_in_values_and_gradients(pooling: bool) -> None:
     size, number = 24, 8
-    config = replace(SMALL, image_size=size)
+    config = replace(SMALL, image_size=size, pooling=pooling)
     weights = random_weights(config)
     generator = np.random.default_rng(0)
-    depth = generator.uniform(-1, 1, (5, size, size)).astype(np.float32)
-    masks = generator.random((5, 4, size, size)) < 0.3
-    masks[:, -1] = False
+    height = generator.uniform(-1, 1, (5, size, size)).astype(np.float32)
+    masks = generator.integers(0, 2, (5, 4, size, size)).astype(np.uint8)
+    masks[:, -1] = 0
     scene, turned = np.array([4, 1, 1, 0]), np.array([False, True, False, True])
     view, pairs = generator.integers(0, 4, number), generator.integers(0, 4, (number, 2))
     view[-1], pairs[-1] = view[0], (1, 3)
     target = generator.normal(size=(number, config.dense)).astype(np.float32)
 
     def fast(parameters: Parameters) -> tuple[jax.Array, jax.Array]:
-        arrays = (jnp.asarray(item) for item in (depth, masks.astype(np.uint8), scene, turned, view, pairs))
+        arrays = (jnp.asarray(item) for item in (height, masks, scene, turned, view, pairs))
         codes = encode_images(Weights(parameters, config), *arrays)
         return jnp.vdot(codes, target) / number, codes
 
     images = np.zeros((number, size, size, 3), np.float32)
     for image, which, pair in zip(images, view, pairs, strict=True):
-        channels = np.stack([depth[scene[which]], *(16.0 * masks[scene[which], pair])], axis=-1)
+        channels = 16.0 * np.stack([height[scene[which]], *masks[scene[which], pair]], axis=-1)
         image[:] = channels[::-1, ::-1] if turned[which] else channels
 
     def plain(parameters: Parameters) -> tuple[jax.Array, jax.Array]:
@@ -122,7 +126,8 @@ def test_step_is_a_gru_and_a_linear_layer() -> None:
 @pytest.mark.parametrize("goal", [True, False])
 def test_sequence_agrees_with_single_steps(goal: bool) -> None:
     weights = random_weights(NetworkConfig(image_size=16, goal=goal))
-    symbols = encode_symbols(weights, jnp.arange(12).reshape(2, 6))
+    normals = jax.random.normal(jax.random.key(3), (2, 6, 2), "float32")
+    symbols = encode_symbols(weights, jnp.arange(12).reshape(2, 6), normals)
     images = jax.random.normal(jax.random.key(1), (2, 6, 100), "float32")
     aim = jax.random.normal(jax.random.key(2), (2, 100), "float32") if goal else None
     logits = jax.jit(run_sequence)(weights, symbols, images, aim)
@@ -133,21 +138,22 @@ def test_sequence_agrees_with_single_steps(goal: bool) -> None:
 
 
 def test_sizes_are_those_of_the_paper() -> None:
-    shapes = jax.tree.map(jnp.shape, initial_weights(NetworkConfig(), 0).parameters)
+    shapes = jax.tree.map(jnp.shape, initial_weights(NetworkConfig(normals=False, pooling=False), 0).parameters)
     assert [shapes[f"convolutions_{i}"]["kernel"] for i in range(3)] == [(5, 5, 3, 5), (5, 5, 5, 10), (5, 5, 10, 10)]
-    assert shapes["image_dense"]["kernel"] == (16 * 16 * 10, 100)
+    assert shapes["image_dense"]["kernel"] == (16 * 16 * 10, 100) and "pool_dense" not in shapes
     assert shapes["symbol_dense"]["kernel"] == (12, 100)
     assert shapes["cell"]["in"]["kernel"] == (300, 300) and shapes["cell"]["hn"]["kernel"] == (300, 300)
     assert shapes["output"]["kernel"] == (300, 1)
     classifier = initial_weights(NetworkConfig(goal=False), 0).parameters
     assert classifier["cell"]["in"]["kernel"].shape == (200, 300)
+    assert classifier["symbol_dense"]["kernel"].shape == (12 + 2, 100)  # beyond the paper: a face's normal
 
 
 def test_parameters_are_single_precision_whatever_the_default() -> None:
     assert jax.config.values["jax_enable_x64"]
     weights = initial_weights(SMALL, 0)
     assert {leaf.dtype for leaf in jax.tree.leaves(weights)} == {jnp.dtype("float32")}
-    codes = encode_symbols(weights, jnp.arange(12)[None])
+    codes = encode_symbols(weights, jnp.arange(12)[None], jnp.zeros((1, 12, 2), "float32"))
     assert run_sequence(weights, codes, codes, codes[:, 0]).dtype == jnp.float32
 
 

@@ -11,7 +11,7 @@ from dvr_jax.logic import FACES, enumerate_sequences
 from dvr_jax.model import predictor as module
 from dvr_jax.model.encoding import SYMBOLS, direction
 from dvr_jax.model.export import Header, export_weights
-from dvr_jax.model.images import MASK_VALUE, scene_images
+from dvr_jax.model.images import BRIGHTNESS, scene_images
 from dvr_jax.model.network import Network, NetworkConfig, initial_weights
 from dvr_jax.model.predictor import BATCH_SIZES, Predictor
 from dvr_jax.scene.sampling import SceneDistribution, sample_scenes
@@ -30,7 +30,7 @@ def test_steps_are_the_network_on_the_actions_images(number: int) -> None:
     images = scene_images(scene, 16)
 
     def encode(first: int, second: int) -> object:
-        image = np.stack([images.depth, *(MASK_VALUE * images.masks[[first, second]])], axis=-1, dtype=np.float32)
+        image = BRIGHTNESS * np.stack([images.height, *images.masks[[first, second]]], axis=-1, dtype=np.float32)
         return network.apply(variables, image[None], method=Network.encode_images)
 
     goal = encode(scene.goal_index, number)
@@ -42,7 +42,9 @@ def test_steps_are_the_network_on_the_actions_images(number: int) -> None:
         words = (direction(word, item) if word in FACES else word for word in action.arguments if word != name)
         symbol = SYMBOLS.index((action.operator, *words))
         image = encode(scene.object_index(name), number if action.arguments[-1] == "goal" else number + 1)
-        word = network.apply(variables, jnp.array([symbol]), method=Network.encode_symbols)
+        turn = item.yaw + (FACES.index(action.arguments[1]) * np.pi / 2 if action.operator == "grasp" else 0)
+        normal = jnp.array([[np.cos(turn), np.sin(turn)]], jnp.float32) * (action.operator == "grasp")
+        word = network.apply(variables, jnp.array([symbol]), normal, method=Network.encode_symbols)
         logit, theirs = network.apply(variables, theirs, word, image, goal, method=Network.step)
         probability, mine = PREDICTOR.step(code, mine, [index])
         np.testing.assert_allclose(probability, 1 / (1 + np.exp(-np.asarray(logit))), atol=1e-5)

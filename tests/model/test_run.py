@@ -66,7 +66,7 @@ def test_learns_which_arm_is_on_the_objects_side(tmp_path: Path) -> None:
     train(replace(options, validate_every=120), data, SMALL, lines.append)
     weights, _ = load_weights(tmp_path / "network.npz")
     batch = assemble_batch(EXAMPLES, data.table, data.draws.rows, "dvr")
-    _, _, logits = evaluate_batch(weights, data.table.depth, data.table.masks, batch, jnp.float32(1))
+    _, _, logits = evaluate_batch(weights, data.table.height, data.table.masks, batch, jnp.float32(1))
     counts = batch.mask > 0
     assert np.mean((np.asarray(logits) > 0)[counts] == (batch.target > 0.5)[counts]) > 0.95
 
