@@ -68,8 +68,10 @@ def save_curves(path: Path, records: list[dict[str, float]]) -> bool:
         from matplotlib.figure import Figure
     except ImportError:
         return False
-    figure = Figure(figsize=(4 * len(TITLES), 3.2), layout="constrained")
-    for axes, (name, title) in zip(figure.subplots(1, len(TITLES)), TITLES.items(), strict=True):
+    recorded = {name for record in records for name in record}
+    titles = {name: title for name, title in TITLES.items() if f"validation/{name}" in recorded or name == "loss"}
+    figure = Figure(figsize=(4 * len(titles), 3.2), layout="constrained")
+    for axes, (name, title) in zip(figure.subplots(1, len(titles), squeeze=False)[0], titles.items(), strict=True):
         for part in ("train", "validation"):
             points = [(record["step"], record[f"{part}/{name}"]) for record in records if f"{part}/{name}" in record]
             if points:

@@ -69,6 +69,8 @@ class TrainOptions:
     """Sequences in a batch."""
     least_feasible: int = 16
     """Of these, drawn from the feasible ones."""
+    known: bool = True
+    """Leave out targets of 0 that only say that nobody has looked; without it, all targets count, as in the paper."""
     stratified: bool = True
     """Draw the other sequences evenly by the number of actions after which they are refuted; without it, evenly among
     all of a scene's."""
@@ -136,6 +138,8 @@ class TrainingData:
 def prepare(options: TrainOptions, examples: Examples, held_out: Examples | None, say: Say = print) -> TrainingData:
     """Check, split, render; `held_out` are separate held-out examples."""
     options.check()
+    if not options.known:
+        examples, held_out = _all_known(examples), None if held_out is None else _all_known(held_out)
     check_examples(examples, "--data")
     table = _table(examples.scenes, options.image_size, options.out / "images.npz", say)
     rows = np.arange(len(examples.scene))
@@ -207,9 +211,14 @@ def train(options: TrainOptions, data: TrainingData, network: NetworkConfig, say
     return weights
 
 
+def _all_known(examples: Examples) -> Examples:
+    """The examples with the targets of all their actions."""
+    return examples._replace(known=np.arange(examples.actions.shape[1]) < examples.length[:, None])
+
+
 def _course(options: TrainOptions, data: TrainingData) -> dict[str, Any]:
     """Everything on which the course of a run depends besides network, kind and domain; not when it ends."""
-    names = ("learning_rate", "batch", "least_feasible", "stratified", "scenes", "turn", "seed")
+    names = ("learning_rate", "batch", "least_feasible", "known", "stratified", "scenes", "turn", "seed")
     split = "separate" if options.validation else options.held_out
     return {
         **{name: getattr(options, name) for name in names},
