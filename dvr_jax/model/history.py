@@ -79,6 +79,7 @@ def save_curves(path: Path, records: list[dict[str, float]]) -> bool:
                 axes.legend(frameon=False)
         axes.set(title=title, xlabel="steps")
         axes.set_ylim(bottom=0, top=None if name == "loss" else 1.02)
+        axes.locator_params(axis="x", nbins=5)
         axes.grid(alpha=0.3)
     figure.savefig(path, dpi=120)
     return True
