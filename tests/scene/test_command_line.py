@@ -76,7 +76,9 @@ def test_sample_refuses(options: list[str], message: str, tmp_path: Path) -> Non
     assert not list(tmp_path.iterdir())
 
 
-def test_sample_names_a_missing_folder() -> None:
-    ended = sample("--number", "1", "--out", "/does/not/exist.jsonl")
+def test_sample_makes_its_folder_and_names_a_file_in_the_way(tmp_path: Path) -> None:
+    file = tmp_path / "new" / "scenes.jsonl"
+    assert sample("--number", "1", "--out", str(file)).returncode == 0 and len(load_scenes(file)) == 1
+    ended = sample("--number", "1", "--out", str(file / "more.jsonl"))
     assert ended.returncode == 2
-    assert "'/does/not/exist.jsonl': No such file" in ended.stderr and "Traceback" not in ended.stderr
+    assert f"'{file}'" in ended.stderr and "Traceback" not in ended.stderr
