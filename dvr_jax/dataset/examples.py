@@ -59,6 +59,12 @@ class TargetCounts(NamedTuple):
     """Targets, padding not counted."""
     zeros: int
     """Targets, padding not counted."""
+    known_zeros: int
+    """Of these, those that follow from the labels."""
+    first_zeros: int
+    """Zeros of first actions."""
+    known_first_zeros: int
+    """Of these, those that follow from the labels."""
 
 
 def load_examples(
@@ -122,12 +128,16 @@ def load_examples(
 def count_targets(examples: Examples) -> TargetCounts:
     """Counts of sequences by verdict, and of targets by value."""
     feasible, ones = int(examples.feasible.sum()), int(examples.targets.sum(dtype=np.float64))
+    known = examples.known & (examples.targets == 0)
     return TargetCounts(
         scenes=len(examples.scenes),
         feasible=feasible,
         infeasible=len(examples.feasible) - feasible,
         ones=ones,
         zeros=int(examples.length.sum()) - ones,
+        known_zeros=int(known.sum()),
+        first_zeros=int((examples.targets[:, :1] == 0).sum()),
+        known_first_zeros=int(known[:, :1].sum()),
     )
 
 

@@ -60,10 +60,10 @@ class Verdicts:
         self._symbols = symbols
         solutions = set(feasible)
         self._bad = {*infeasible, *refuted}
-        self._longest = min(map(len, solutions), default=0)
+        self._shortest = min(map(len, solutions), default=0)
         self._promising = {sequence[:length] for sequence in solutions for length in range(len(sequence) + 1)}
         self._visited = {sequence[:length] for sequence in self._bad for length in range(len(sequence))}
-        self._known: dict[tuple[int, ...], bool] = {}
+        self._all_bad: dict[tuple[int, ...], bool] = {}
 
     def refuted_after(self, sequence: tuple[int, ...]) -> int:
         """Number of actions after which a label refutes a sequence; 0 if none does."""
@@ -86,12 +86,12 @@ class Verdicts:
             return True
         if prefix in self._promising or prefix not in self._visited:
             return False
-        if prefix not in self._known:
-            grounding, remaining = self._symbols.grounding, self._longest - len(prefix) - 1
-            self._known[prefix] = all(
+        if prefix not in self._all_bad:
+            grounding, remaining = self._symbols.grounding, self._shortest - len(prefix) - 1
+            self._all_bad[prefix] = all(
                 self._is_bad((*prefix, action), after)
                 for action in grounding.applicable(state)
                 for after in [grounding.successor(state, action)]
                 if remaining >= 0 and grounding.can_reach_goal(after, remaining)
             )
-        return self._known[prefix]
+        return self._all_bad[prefix]

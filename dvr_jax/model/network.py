@@ -1,13 +1,14 @@
 """The paper's network: a convolutional recurrent one that tells, action by action, whether a sequence is promising.
 
     image code    z(O)  = Dense_100(relu(Conv(relu(Conv(relu(Conv(I(O, S))))))))     three 5x5 convolutions
-    symbol code   e(a)  = relu(Dense_100(onehot(a)))
+                        + Dense_100(maximum of the last convolution's channels over the image)      with `pooling`
+    symbol code   e(a)  = relu(Dense_100([onehot(a), normal of the face]))                          with `normals`
     hidden state  h_k   = GRU_300(h_{k-1}, [e(a_k), z(O_k), z(O_goal)])              h_0 = 0
     logit         l_k   = Dense_1(h_k),        probability = sigmoid(l_k)
 
-The goal's symbol is left out, as in the paper's experiments; without `goal` this is the recurrent feasibility
-classifier, which does not see the goal's tuple either. Padding of the convolutions is not stated in the paper: here
-an image keeps its size but for the strides.
+Without `pooling` and `normals` it is the paper's. The goal's symbol is left out, as in the paper's experiments; without
+`goal` this is the recurrent feasibility classifier, which does not see the goal's tuple either. Padding of the
+convolutions is not stated in the paper: here an image keeps its size but for the strides.
 
 Linen and not NNX: its parameters are a plain dictionary, which scan, optimiser, checkpoint and compiled programs take
 as it is. All is float32, whatever JAX's default is.
