@@ -10,6 +10,11 @@ damping grows (`judge`); then a Gauss-Newton step, which keeps J^T J of costs, e
 to the next trial point (`advance`). When the steps of a subproblem have become small, multipliers are updated and the
 penalty grows if the violation did not fall enough.
 
+What counts is feasibility. The first subproblem that ends near it is followed by a restoration: some iterations in
+which the costs' gradient is left out and their Hessian is kept, so that the lane goes to the feasible points that the
+costs' metric calls closest (as the restoration phases of filter methods: Fletcher and Leyffer 2002). If it does not
+arrive, the method goes on with costs and multipliers.
+
 Constraint rows come as a tuple of arrays, one for each kind; ``equalities`` says which kinds are equalities."""
 
 from __future__ import annotations
@@ -26,6 +31,9 @@ from dvr_jax.geometry.vectors import materialize
 RUNNING, FEASIBLE, STAGNATED, ITERATION_LIMIT, NUMERICAL_FAILURE = 0, 1, 2, 3, 4
 """Status of a lane. Only FEASIBLE says that the violation's tolerances hold."""
 
+BEFORE, DURING, AFTER = 0, 1, 2
+"""Where a lane is with respect to its restoration."""
+
 
 class Settings(NamedTuple):
     """Settings of the method; numbers, so that changing one needs no new compilation."""
@@ -40,6 +48,8 @@ class Settings(NamedTuple):
     """Largest change of one variable in one iteration; the whole step is scaled."""
     step_tolerance: float = 1e-2
     """A subproblem has ended when no variable moved more than this ..."""
+    step_damping: float = 1.0
+    """... in a step with at most this damping, since a step that damping has shortened says nothing ..."""
     inner_limit: int = 6
     """... or after so many iterations."""
     damping: float = 1e-3
@@ -50,6 +60,12 @@ class Settings(NamedTuple):
     final_step: float = 1e-1
     """A feasible lane ends when its last accepted step was no longer than this."""
     iteration_limit: int = 40
+    restoration_ratio: float = 10.0
+    """The first subproblem that ends outside the tolerances and within this multiple of them is followed by the
+    restoration ..."""
+    restoration_limit: int = 4
+    """... of so many iterations, or more until one is accepted. A ratio of 0 does without it: for optima rather than
+    feasible points."""
     patience: int = 5
     """A lane stagnates after so many multiplier updates in a row without a violation 10 % below the best ..."""
     course_start: int = 10
@@ -83,6 +99,8 @@ class Lane(NamedTuple):
     stale: Array
     """Multiplier updates in a row without progress."""
     iterations: Array
+    restoration: Array
+    """BEFORE, DURING or AFTER."""
     status: Array
 
 
@@ -104,6 +122,7 @@ class Judged(NamedTuple):
     curvature: tuple[Array, ...]
     """The penalty of each row where it is active."""
     stale: Array
+    restoration: Array
 
 
 def trial_point(lane: Lane) -> Any:
@@ -156,13 +175,19 @@ def judge(
         ratio: largest violation there as a multiple of its tolerance.
     """
     p = tuple(lane.penalty * scale for scale in scales)
-    value = cost + forces(lane.multipliers, c, p, equalities)[2]
+    restoring = lane.restoration == DURING
+    value = _unless(restoring, cost) + forces(_unless(restoring, lane.multipliers), c, p, equalities)[2]
     # Equal values count as success: at convergence steps are lost in rounding. NaN does not.
     accepted = value <= lane.value + 1e-9 * jnp.abs(lane.value)
     moved = _largest(lane.step)
     feasible = accepted & (ratio <= 1) & (moved <= settings.final_step)
     first = jnp.isinf(lane.value)
-    ended = accepted & ~first & ((moved <= settings.step_tolerance) | (lane.inner + 1 >= settings.inner_limit))
+    small = (moved <= settings.step_tolerance) & (lane.damping <= settings.step_damping)
+    ended = accepted & ~first & ~restoring & (small | (lane.inner + 1 >= settings.inner_limit))
+    near = (ratio > 1) & (ratio <= settings.restoration_ratio)
+    enters = ended & near & (lane.restoration == BEFORE)
+    leaves = accepted & restoring & (lane.inner + 1 >= settings.restoration_limit)
+    restoration = jnp.where(enters, DURING, jnp.where(leaves, AFTER, lane.restoration))
 
     # Multiplier update, from the rows at hand: x has just become the trial point.
     updated = update_multipliers(lane.multipliers, c, p, equalities)
@@ -173,9 +198,10 @@ def judge(
     )
     stale = jnp.where(ended, jnp.where(ratio < 0.9 * lane.best_ratio, 0, lane.stale + 1), lane.stale)
     p = tuple(penalty * scale for scale in scales)
-    force, curvature, total = forces(multipliers, c, p, equalities)
-    value = jnp.where(ended, cost + total, value)
-    return Judged(accepted, feasible, ended, ratio, multipliers, penalty, value, force, curvature, stale)
+    restoring = restoration == DURING
+    force, curvature, total = forces(_unless(restoring, multipliers), c, p, equalities)
+    value = jnp.where(ended | leaves, _unless(restoring, cost) + total, value)
+    return Judged(accepted, feasible, ended, ratio, multipliers, penalty, value, force, curvature, stale, restoration)
 
 
 def advance(
@@ -184,7 +210,8 @@ def advance(
     """Move a lane to its trial point if that was accepted, and find the next trial point.
 
     Args:
-        system: Gauss-Newton system at the trial point.
+        system: Gauss-Newton system at the trial point; while `Judged.restoration` is DURING, without the gradient of
+        the costs.
         report: what the caller wants to keep of it.
         solve: step of a system with a damping, of the structure of `Lane.x`; NaN where it is indefinite.
     """
@@ -192,6 +219,8 @@ def advance(
     damping = jnp.where(
         accepted, jnp.maximum(lane.damping / 4, 1e-6), jnp.maximum(lane.damping, settings.damping_floor) * 8
     )
+    turned = judged.restoration != lane.restoration
+    damping = jnp.where(turned, settings.damping, damping)
     x, value, system, report = jax.tree.map(
         lambda new, old: jnp.where(accepted, new, old),
         (trial_point(lane), judged.value, system, report),
@@ -227,11 +256,17 @@ def advance(
         report=report,
         updated_ratio=jnp.where(judged.ended, judged.ratio, lane.updated_ratio),
         best_ratio=best_ratio,
-        inner=jnp.where(judged.ended, 0, lane.inner + 1),
+        inner=jnp.where(judged.ended | turned, 0, lane.inner + 1),
         stale=judged.stale,
         iterations=iterations,
+        restoration=judged.restoration,
         status=status.astype(lane.status.dtype),
     )
+
+
+def _unless(condition: Array, values: Any) -> Any:
+    """A tree of arrays, or zeros where the condition holds."""
+    return jax.tree.map(lambda value: jnp.where(condition, 0, value), values)
 
 
 def _largest(step: Any) -> Array:

@@ -187,7 +187,7 @@ def _go_on(states: Lane, lane: int, settings: Settings) -> None:
         step[lane] = 0
     for value in (states.value, states.updated_ratio, states.best_ratio):
         value[lane] = np.inf
-    for count in (states.inner, states.stale, states.iterations):
+    for count in (states.inner, states.stale, states.iterations, states.restoration):
         count[lane] = 0
     states.damping[lane], states.status[lane] = settings.damping, RUNNING
 
@@ -223,7 +223,8 @@ def path_start(problem: Problem, keyframes: Variables, steps: int = STEPS_PER_PH
     before = np.concatenate([problem.home[None], keyframes.q[:-1]])
     coming, going = _clear_postures(problem, keyframes.q)
     leaving = np.concatenate([before[:1], going[:-1]])
-    tau = np.arange(1, steps + 1) / steps
+    # The last interval before a switch is one of rest.
+    tau = np.minimum(np.arange(1, steps + 1) / (steps - 1), 1)
     q = np.empty((K, steps, keyframes.q.shape[1]))
     for k in range(K):
         knots = np.stack([before[k], leaving[k], coming[k], keyframes.q[k]])

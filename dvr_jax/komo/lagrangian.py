@@ -105,6 +105,7 @@ def gauss_newton_system(
     force: Residuals,
     curvature: Residuals,
     weights: Weights,
+    drive: Array | float = 1.0,
 ) -> BorderedSystem:
     """Gauss-Newton system of the augmented Lagrangian at ``x``.
 
@@ -113,6 +114,7 @@ def gauss_newton_system(
         distances: what the distances add, at its T' samples.
         slopes: of switches and footprints.
         force, curvature: of all constraint rows (`dvr_jax.komo.augmented`).
+        drive: factor of the costs' gradient, whose Hessian stays.
     """
     T, K = x.q.shape[0], x.m.shape[0]
     S, N, dtype = T // K, problem.half.shape[0], x.q.dtype
@@ -178,11 +180,11 @@ def gauss_newton_system(
     C += jnp.einsum("kij,kl->kilj", block, jnp.eye(K, dtype=dtype)).reshape(C.shape)
     gradient_m += (force.bound[1] - force.bound[0] + jnp.einsum("kri,kr->ki", Fm, force.footprint)).reshape(-1)
     diagonal = curvature.limit[0] + curvature.limit[1] + problem.attraction
-    gradient_q += force.limit[1] - force.limit[0] + problem.attraction * (x.q - problem.reference)
+    gradient_q += force.limit[1] - force.limit[0] + drive * problem.attraction * (x.q - problem.reference)
 
     coupling = far_coupling = None
     if mixed is not None:
-        r = accelerations(problem, x.q)
+        r = drive * accelerations(problem, x.q)
         ahead = jnp.concatenate([r, jnp.zeros((2, r.shape[1]), dtype)])
         gradient_q += weights.acceleration * (r - 2 * ahead[1:-1] + ahead[2:])
         own_weight, couple_1, couple_2 = (weights.acceleration * w[:, None] for w in _acceleration_pattern(T))

@@ -17,7 +17,7 @@ from jax import Array
 from dvr_jax.compilation import Program
 from dvr_jax.geometry.vectors import Rotation, Vector, materialize
 from dvr_jax.komo import augmented
-from dvr_jax.komo.augmented import RUNNING, Judged, Lane, Settings, trial_point
+from dvr_jax.komo.augmented import DURING, RUNNING, Judged, Lane, Settings, trial_point
 from dvr_jax.komo.banded import BorderedSystem, solve_bordered
 from dvr_jax.komo.constraints import Slopes, collect, lay_out
 from dvr_jax.komo.contacts import number_of_rows
@@ -79,6 +79,7 @@ def start(problems: Problem, x: Variables, settings: Settings) -> Lane:
         inner=count,
         stale=count,
         iterations=count,
+        restoration=count.copy(),
         status=count.copy(),
     )  # fmt: skip
 
@@ -146,7 +147,10 @@ def advance(
     def advance_lane(problem: Problem, lane: Lane, seen: Seen, distances: Reduced) -> Lane:
         judged = seen.judged
         force, curvature = Residuals(*judged.force), Residuals(*judged.curvature)
-        system = gauss_newton_system(problem, trial_point(lane), distances, seen.slopes, force, curvature, WEIGHTS)
+        drive = jnp.where(judged.restoration == DURING, 0.0, 1.0).astype(lane.x.q.dtype)
+        system = gauss_newton_system(
+            problem, trial_point(lane), distances, seen.slopes, force, curvature, WEIGHTS, drive
+        )
         return augmented.advance(settings, lane, judged, system, seen.violations, _solve)
 
     new = jax.vmap(advance_lane)(problems, lanes, seen, distances)

@@ -14,14 +14,14 @@ from dvr_jax.check.replay import DEEPEST_CONTACT, check_motion
 from dvr_jax.komo import engine
 from dvr_jax.komo.augmented import FEASIBLE, ITERATION_LIMIT
 from dvr_jax.komo.between import BETWEEN_TOLERANCE, PATH_SAMPLES, depths_between, even_shares, move_samples
-from dvr_jax.komo.engine import Solved
+from dvr_jax.komo.engine import Solved, keyframe_start, path_problem, path_start
 from dvr_jax.komo.interpolation import interpolate
 from dvr_jax.komo.transcription import transcribe
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.tree import Node, SequenceTree
 from dvr_jax.search.work import run_alone
 
-HANDOVERS = (43, 67)
+HANDOVERS = (43, 115)
 """Of the frozen problems, two of two actions whose first path penetrates between its samples."""
 
 
@@ -71,6 +71,19 @@ def test_exchanged_samples_end_in_a_motion_without_penetration(
     assert len(depths) > 1 and depths[0] > DEEPEST_CONTACT
     assert path.feasible and path.status == FEASIBLE and path.ratio <= 1
     assert replay(scene, node, path).deepest_penetration <= BETWEEN_TOLERANCE
+
+
+def test_samples_of_a_start_lie_on_the_line_where_it_rests(handover: tuple[Scene, SequenceTree, Node]) -> None:
+    """In the interval before a switch, in which solutions rest too: a sample beside the resting motion would ask for
+    a clearance that a placed object cannot have."""
+    _, _, node = handover
+    assert node.problem is not None and node.particles is not None
+    start = path_start(node.problem, keyframe_start(node.particles, 0, node.depth))
+    path = path_problem(node.problem, start)
+    for k in range(1, node.depth + 1):
+        np.testing.assert_array_equal(start.q[10 * k - 1], start.q[10 * k - 2])
+        np.testing.assert_allclose(path.offset[10 * k - 1], 0, atol=1e-15)
+    assert np.abs(path.offset).max() > 1e-3
 
 
 def test_samples_move_to_the_deepest_place_of_their_part_and_lie_on_the_motion(
