@@ -23,6 +23,7 @@ from pathlib import Path
 import jax
 import tyro
 
+from dvr_jax import __version__
 from dvr_jax.dataset.labelling import LabelOptions, label_scene
 from dvr_jax.dataset.labels import Label
 from dvr_jax.dataset.manifest import write_manifest
@@ -138,6 +139,8 @@ def sweep(options: SweepOptions) -> None:
     for info in done:
         if info.footer.options != footer:
             raise DvrError(f"{info.path} comes of another sweep ({info.footer.options}); choose another --out.")
+        if (writer := info.footer.versions["dvr_jax"]) != __version__:
+            raise DvrError(f"{info.path} was made by dvr_jax {writer}, this is {__version__}; choose another --out.")
         expected = [scene_to_json(scene) for scene in scenes[info.scenes.start : info.scenes.stop]]
         if read_columns(info).json != expected:
             raise DvrError(f"{info.path} holds other scenes than {options.scenes}; choose another --out.")

@@ -5,17 +5,22 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import asdict, replace
+from itertools import combinations
 from pathlib import Path
 
 import pytest
 
-from dvr_jax.dataset.labelling import LabelOptions
+from dvr_jax.dataset.labelling import Labelling, LabelOptions
 from dvr_jax.dataset.labels import same_label, sort_labels
-from dvr_jax.dataset.shards import list_shards, read_shard, same_rows
+from dvr_jax.dataset.shards import list_shards, read_shard, same_rows, write_shard
 from dvr_jax.scene.sampling import sample_scenes
 from dvr_jax.scene.scene import save_scenes
+from dvr_jax.scene.types import Scene
+from dvr_jax.search.tree import Node, SequenceTree
 from dvr_jax.sweep import label_scenes
 
+LEAVES = [Node((), 0, None, reaches_goal=True) for _ in range(8)]
 OPTIONS = LabelOptions(solutions=2, k_max=3)
 SCENES = tuple(sample_scenes(6, 1, 4))
 
@@ -66,6 +71,28 @@ def test_a_killed_sweep_ends_with_the_same_rows(scenes: Path, tmp_path: Path) ->
     refused = sweep(tmp_path / "others.jsonl", tmp_path / "cut")
     assert refused.wait() == 2
     assert "holds other scenes" in refused.stderr.read()  # type: ignore[union-attr]
+
+
+def test_shards_of_another_version_are_refused(scenes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Labels depend on the solver."""
+    monkeypatch.setattr("dvr_jax.__version__", "0.0.1")
+    write_shard(tmp_path / "labels-000000.parquet", dict(enumerate(SCENES[:2])), [], asdict(OPTIONS))
+    process = sweep(scenes, tmp_path)
+    assert process.wait() == 2
+    assert "was made by dvr_jax 0.0.1" in process.stderr.read()  # type: ignore[union-attr]
+
+
+def test_sequences_of_one_length_come_in_an_order_of_the_scene_and_the_seed() -> None:
+    def order(scene: Scene, seed: int) -> list[Node]:
+        options = replace(OPTIONS, seed=seed)
+        labelling = Labelling(SequenceTree(scene, 3), scene, options, lambda *_: True)
+        return labelling.arrange(LEAVES)
+
+    leaves = list(LEAVES)
+    orders = [order(scene, seed) for scene, seed in ((SCENES[0], 0), (SCENES[0], 0), (SCENES[0], 1), (SCENES[1], 0))]
+    assert orders[0] == orders[1] and leaves == LEAVES
+    assert all(first != second for first, second in combinations([leaves, *orders[1:]], 2))
+    assert all(sorted(map(id, found)) == sorted(map(id, leaves)) for found in orders)
 
 
 def test_a_missing_scene_file_is_named(tmp_path: Path) -> None:

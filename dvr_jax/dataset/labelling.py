@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+import random
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from dvr_jax.dataset.labels import Label
 from dvr_jax.komo.engine import Solved
+from dvr_jax.scene.scene import scene_to_json
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.run import Outcome, Run
 from dvr_jax.search.searches import multi_bound
@@ -27,22 +29,28 @@ class LabelOptions:
     k_max: int = 6
     """... or when all sequences of at most so many actions have."""
     seed: int = 0
-    """Of the particles."""
+    """Of the particles, and of the order in which sequences of one length are judged."""
 
 
 Accept = Callable[[Scene, Node, Solved], bool]
 """Whether the independent check accepts a feasible path of a scene."""
 
 
-class _Labelling(Run):
+class Labelling(Run):
     """A multi-bound search that goes on after its first solution."""
 
     def __init__(self, tree: SequenceTree, scene: Scene, options: LabelOptions, accept: Accept) -> None:
         super().__init__(tree, lambda node, path: accept(scene, node, path), lambda line: None)
         self.options = options
+        self.order = random.Random(f"{options.seed} {scene_to_json(scene)}")
         self.solved = self.judged = 0
 
+    def arrange(self, leaves: list[Node]) -> list[Node]:
+        """At random: in the order of the logic, all solutions of a scene would begin with the same actions."""
+        return self.order.sample(leaves, len(leaves))
+
     def judge_lines(self, leaves: list[Node]) -> Steps[list[Node]]:
+        """Sequence bound of leaves, which are counted."""
         self.judged += len(leaves)
         return (yield from super().judge_lines(leaves))
 
@@ -57,12 +65,12 @@ class _Labelling(Run):
 
 
 def label_scene(scene: Scene, index: int, options: LabelOptions, accept: Accept) -> Steps[list[Label]]:
-    """Verdicts on sequences of one scene, level by level as multi-bound search visits them.
+    """Verdicts on sequences of one scene, level by level as multi-bound search visits them, at random within a level.
 
     A sequence is feasible if its path passes the NLP's tolerances and ``accept``. A refuted prefix is one label.
     """
     tree = SequenceTree(scene, options.k_max, options.seed)
-    yield from multi_bound(_Labelling(tree, scene, options, accept))
+    yield from multi_bound(Labelling(tree, scene, options, accept))
     return list(_labels(tree, tree.root, index))
 
 

@@ -6,6 +6,7 @@ objects start on the table, that the goal object shall be on the goal region, an
 
 from collections import Counter
 from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
 
 from dvr_jax.logic.domain import read_domain
@@ -31,10 +32,22 @@ def ground_actions(
     """All actions over these objects, from all of them on the table to the goal object on the goal region.
 
     Names are free: they need not be PDDL identifiers, and an object may be called "table" or "left". `domain_file`
-    replaces the package's `domain.pddl`; it must declare the same types, `table`, `goal` and `on`.
+    replaces the package's `domain.pddl`; it must declare the same types, `table`, `goal` and `on`. Groundings of the
+    package's own domain are kept and shared.
     """
     _check_names("object", objects)
     _check_names("arm", arms)
+    if domain_file is None:
+        return _ground_shipped(tuple(objects), goal_object, tuple(arms))
+    return _ground(tuple(objects), goal_object, tuple(arms), domain_file)
+
+
+@lru_cache(maxsize=64)
+def _ground_shipped(objects: tuple[str, ...], goal_object: str, arms: tuple[str, ...]) -> Grounding:
+    return _ground(objects, goal_object, arms, None)
+
+
+def _ground(objects: tuple[str, ...], goal_object: str, arms: tuple[str, ...], domain_file: Path | None) -> Grounding:
     if goal_object not in objects:
         raise SymbolicError(f"the goal object '{goal_object}' is no object of the scene; objects: {listed(objects)}.")
     arm_entities = [Entity(f"a{i}", "arm", name) for i, name in enumerate(arms)]
@@ -43,7 +56,7 @@ def ground_actions(
         read_domain(domain_file),
         arm_entities + object_entities,
         initial=[("on", entity.name, "table") for entity in object_entities],
-        goal=[("on", f"o{list(objects).index(goal_object)}", "goal")],
+        goal=[("on", f"o{objects.index(goal_object)}", "goal")],
         constant_labels={f"face{eta}": name for eta, name in enumerate(FACES)},
     )
 

@@ -78,14 +78,9 @@ class SceneTable:
 
 def scene_table(scenes: Sequence[Scene], images: ImageStack) -> SceneTable:
     """The table of scenes with their images."""
-    # Grounding costs more than all the rest of a scene; names and goal repeat among sampled scenes.
-    known: dict[tuple[tuple[str, ...], str], Grounding] = {}
     rows: list[tuple[Grounding, ActionCodes]] = []
     for scene in scenes:
-        names = tuple(item.name for item in scene.objects)
-        if (names, scene.goal.object) not in known:
-            known[names, scene.goal.object] = ground_actions(names, scene.goal.object)
-        grounding = known[names, scene.goal.object]
+        grounding = ground_actions([item.name for item in scene.objects], scene.goal.object)
         rows.append((grounding, encode_actions(grounding, scene.objects)))
     most = max(len(codes.pairs) for _, codes in rows)
     actions = max(len(codes.symbol) for _, codes in rows)

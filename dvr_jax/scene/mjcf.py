@@ -115,7 +115,7 @@ def build_model_spec(scene: Scene) -> mujoco.MjSpec:
     )
     for arm, position, yaw in zip(ARM_NAMES, BASE_POSITIONS, BASE_YAWS, strict=True):
         frame = world.add_frame(pos=[*position, 0.0], quat=_yaw_quaternion(yaw))
-        spec.attach(mujoco.MjSpec.from_string(_panda_xml()), prefix=f"{arm}/", frame=frame)
+        spec.attach(_panda_spec().copy(), prefix=f"{arm}/", frame=frame)
     for item, colour in zip(scene.objects, object_colours(scene), strict=True):
         _add_object(world, item, colour)
     _add_goal(world, scene)
@@ -177,5 +177,5 @@ def _yaw_quaternion(yaw: float) -> list[float]:
 
 
 @cache
-def _panda_xml() -> str:
-    return (files("dvr_jax.scene") / "panda.xml").read_text(encoding="utf-8")
+def _panda_spec() -> mujoco.MjSpec:
+    return mujoco.MjSpec.from_string((files("dvr_jax.scene") / "panda.xml").read_text(encoding="utf-8"))

@@ -49,6 +49,10 @@ class Run:
         finally:
             self.seconds[bound] += time.monotonic() - begin
 
+    def arrange(self, leaves: list[Node]) -> list[Node]:
+        """Leaves of one length in the order in which they shall be judged."""
+        return leaves
+
     def judge_sequences(self, nodes: list[Node]) -> Steps[list[Node]]:
         """Those that pass."""
         with self.timed("sequence"):

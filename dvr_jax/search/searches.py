@@ -39,7 +39,7 @@ def _search(run: Run, of_leaves: _Judge, judge: _Judge) -> Steps[Outcome]:
         children = [child for node in level if node.feasible is not False for child in run.tree.expand(node)]
         leaves = [node for node in children if node.reaches_goal]
         run.progress(f"length {depth}: {len(children)} prefixes, {len(leaves)} reach the goal")
-        for batch in _batches(leaves):
+        for batch in _batches(run.arrange(leaves)):
             feasible = yield from of_leaves(batch)
             outcome = yield from run.try_leaves(feasible)
             if outcome is not None:
