@@ -107,15 +107,19 @@ def _print_speed_up(names: Sequence[str], tables: dict[str, dict[int, Row]], k_m
 
 
 def save_plots(path: Path, tables: dict[str, dict[int, Row]], k_max: int) -> None:
-    """Box plots of total time and path NLPs by length, one colour for each search."""
+    """Box plots of total time, path NLPs and keyframe NLPs by length, one colour for each search."""
     try:
         from matplotlib.figure import Figure
     except ImportError:
         raise DvrError("the plots need matplotlib: pip install 'dvr_jax[plots]'.") from None
-    figure = Figure(figsize=(11, 4), layout="constrained")
+    figure = Figure(figsize=(14, 4), layout="constrained")
     lengths = [n for n in range(1, k_max + 1) if any(len(r["words"]) == n for t in tables.values() for r in t.values())]
-    values: list[tuple[str, Callable[[Row], float]]] = [("total time [s]", total), ("path NLPs solved", paths)]
-    for axes, (label, value) in zip(figure.subplots(1, 2), values, strict=True):
+    values: list[tuple[str, str, Callable[[Row], float]]] = [
+        ("total time [s]", "log", total),
+        ("path NLPs solved", "linear", paths),
+        ("keyframe NLPs solved", "symlog", keyframes),
+    ]
+    for axes, (label, scale, value) in zip(figure.subplots(1, len(values)), values, strict=True):
         width = 0.8 / len(tables)
         for i, (name, table) in enumerate(tables.items()):
             grouped = by_length(list(table.values()), k_max)
@@ -131,7 +135,7 @@ def save_plots(path: Path, tables: dict[str, dict[int, Row]], k_max: int) -> Non
             for box in boxes["boxes"]:
                 box.set_facecolor(f"C{i}")
             axes.plot([], [], color=f"C{i}", linewidth=6, label=name)
-        axes.set(xlabel="actions of the solution", ylabel=label, yscale="log", xticks=lengths)
+        axes.set(xlabel="actions of the solution", ylabel=label, yscale=scale, xticks=lengths)
         axes.legend()
     figure.savefig(path, dpi=110)
 
