@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from dvr_jax.dataset import footer
 from dvr_jax.dataset.labelling import Labelling, LabelOptions
 from dvr_jax.dataset.labels import same_label, sort_labels
 from dvr_jax.dataset.shards import list_shards, read_shard, same_rows, write_shard
@@ -75,7 +76,8 @@ def test_a_killed_sweep_ends_with_the_same_rows(scenes: Path, tmp_path: Path) ->
 
 def test_shards_of_another_version_are_refused(scenes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Labels depend on the solver."""
-    monkeypatch.setattr("dvr_jax.__version__", "0.0.1")
+    others = footer.versions() | {"dvr_jax": "0.0.1"}
+    monkeypatch.setattr(footer, "versions", lambda: others)
     write_shard(tmp_path / "labels-000000.parquet", dict(enumerate(SCENES[:2])), [], asdict(OPTIONS))
     process = sweep(scenes, tmp_path)
     assert process.wait() == 2
