@@ -216,7 +216,7 @@ def keyframe_start(prefix: Particles, rank: int, K: int) -> Variables:
     return Variables(prefix.q[index, :K].astype(float), prefix.m[index, :K].astype(float))
 
 
-def path_start(problem: Problem, keyframes: Variables, steps: int = STEPS_PER_PHASE) -> Variables:
+def path_start(problem: Problem, keyframes: Variables) -> Variables:
     """A path through keyframes, at rest at each; an arm that takes part in a switch comes and goes through a clear
     pose beside it."""
     K = keyframes.q.shape[0]
@@ -224,14 +224,14 @@ def path_start(problem: Problem, keyframes: Variables, steps: int = STEPS_PER_PH
     coming, going = _clear_postures(problem, keyframes.q)
     leaving = np.concatenate([before[:1], going[:-1]])
     # The last interval before a switch is one of rest.
-    tau = np.minimum(np.arange(1, steps + 1) / (steps - 1), 1)
-    q = np.empty((K, steps, keyframes.q.shape[1]))
+    tau = np.minimum(np.arange(1, STEPS_PER_PHASE + 1) / (STEPS_PER_PHASE - 1), 1)
+    q = np.empty((K, STEPS_PER_PHASE, keyframes.q.shape[1]))
     for k in range(K):
         knots = np.stack([before[k], leaving[k], coming[k], keyframes.q[k]])
         # At rest at both ends: time runs as a cubic, and the joints as a monotone curve of it.
         curve = PchipInterpolator([0.0, 0.25, 0.75, 1.0], knots, axis=0)
         q[k] = curve(tau * tau * (3 - 2 * tau))
-    return Variables(q.reshape(K * steps, -1), keyframes.m)
+    return Variables(q.reshape(K * STEPS_PER_PHASE, -1), keyframes.m)
 
 
 def path_problem(problem: Problem, start: Variables) -> Problem:
@@ -248,7 +248,7 @@ def path_problem(problem: Problem, start: Variables) -> Problem:
         weight = np.where(np.repeat(resting, 7) > 0, NEAR_ATTRACTION, FAR_ATTRACTION)
         part = slice((k + 1) * S - 1 - near, (k + 1) * S + near)
         attraction[part] = np.maximum(attraction[part], weight)
-    drawn = problem._replace(reference=start.q, attraction=attraction * (STEPS_PER_PHASE / S))
+    drawn = problem._replace(reference=start.q, attraction=attraction)
     return place_samples(drawn, start.q, even_shares(T))
 
 
