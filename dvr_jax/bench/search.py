@@ -76,9 +76,10 @@ def _median(rows: Sequence[Row], value: Callable[[Row], float]) -> str:
 
 def _print_search(name: str, rows: Sequence[Row], feasible: int, k_max: int) -> None:
     solved = [row for row in rows if row["words"]]
-    network = sum(row["seconds"].get("network", 0.0) for row in solved)
-    seconds = sum(map(total, solved))
-    share = f"; network {network / seconds:.1%} of the time" if network else ""
+    image, network, seconds = (
+        sum(row["seconds"].get(part, 0.0) for row in solved) for part in ("image", "network", "total")
+    )
+    share = f"; of the time, network {network / seconds:.1%} and depth image {image / seconds:.1%}" if network else ""
     print(f"{name}: {len(solved)} solved, {feasible - len(solved)} of the {feasible} feasible scenes not{share}")
     print("  length scenes   total s   sequences tried    path NLPs   keyframe NLPs   (medians; means)")
     for length, of_length in by_length(solved, k_max).items():

@@ -23,7 +23,7 @@ from dvr_jax.errors import DvrError
 from dvr_jax.logic import Grounding, ground_actions
 from dvr_jax.model.encoding import encode_actions, goal_tuple
 from dvr_jax.model.export import Header, Kind, load_weights
-from dvr_jax.model.images import scene_images, stack_images
+from dvr_jax.model.images import SceneImages, scene_images, stack_images
 from dvr_jax.model.network import Weights, encode_images, encode_symbols, step
 from dvr_jax.scene.types import Scene
 from dvr_jax.scene.workspace import MAXIMUM_OBJECTS
@@ -85,20 +85,30 @@ class Predictor:
         """From weights in memory."""
         return Predictor(weights, header.kind)
 
-    def begin(self, scene: Scene, grounding: Grounding | None = None) -> SceneCode:
-        """Render and encode a scene, once for a whole search; `grounding` is that of its objects and goal, if known."""
+    def look(self, scene: Scene) -> SceneImages:
+        """Heights and masks of a scene as the camera sees them, in the network's size."""
+        return scene_images(scene, self.weights.config.image_size)
+
+    def begin(self, scene: Scene, grounding: Grounding | None = None, images: SceneImages | None = None) -> SceneCode:
+        """Encode a scene, once for a whole search.
+
+        Args:
+            scene: with 1 to 8 objects.
+            grounding: that of its objects and goal, if known.
+            images: what a camera of your own sees of it, in the network's size; by default rendered (`look`).
+        """
         names = [item.name for item in scene.objects]
         if grounding is None:
             grounding = ground_actions(names, scene.goal.object)
         actions = encode_actions(grounding, scene.objects)
         number = next(size for size in OBJECT_NUMBERS if size >= len(names))
-        images = stack_images([scene_images(scene, self.weights.config.image_size)], number)
+        stack = stack_images([self.look(scene) if images is None else self._checked(images, scene)], number)
         pairs = np.full((2 * number, 2), len(names) + 1, np.int32)  # padding: two masks of zeros
         pairs[: len(actions.pairs)] = actions.pairs
         codes = _encode_scene(
             self.weights,
-            jnp.asarray(images.height),
-            jnp.asarray(images.masks),
+            jnp.asarray(stack.height),
+            jnp.asarray(stack.masks),
             jnp.asarray(pairs),
             jnp.asarray(goal_tuple(scene), jnp.int32),
             _padded(actions.symbol, _MOST_ACTIONS),
@@ -106,6 +116,17 @@ class Predictor:
             _padded(actions.tuple_index, _MOST_ACTIONS),
         )
         return SceneCode(scene, grounding, codes, self.weights.config.hidden)
+
+    def _checked(self, images: SceneImages, scene: Scene) -> SceneImages:
+        size = self.weights.config.image_size
+        if images.height.shape != (size, size) or images.masks.shape != (len(scene.objects) + 2, size, size):
+            raise DvrError(
+                f"the images have shapes {images.height.shape} and {images.masks.shape}; valid for this network and "
+                f"scene are {(size, size)} and {(len(scene.objects) + 2, size, size)}."
+            )
+        if not np.isfinite(images.height).all():
+            raise DvrError("a height of the images is not finite; valid is 0 where the camera saw nothing.")
+        return images
 
     def step(
         self, code: SceneCode, hidden: NDArray[np.float32], actions: Sequence[int] | NDArray[np.integer]

@@ -52,8 +52,12 @@ class Code(Protocol):
 class Network(Protocol):
     """What the search needs of a network (`dvr_jax.model.predictor.Predictor`)."""
 
-    def begin(self, scene: Scene, grounding: Grounding | None = None) -> Any:
-        """Encode a scene, once for a whole search; a `Code`."""
+    def look(self, scene: Scene) -> Any:
+        """What the camera sees of a scene, as the network takes it."""
+        ...
+
+    def begin(self, scene: Scene, grounding: Grounding | None = None, images: Any = None) -> Any:
+        """Encode a scene, once for a whole search; a `Code`. `images` as `look` gives them; by default it looks."""
         ...
 
     def step(
@@ -133,8 +137,10 @@ def feasibility_classifier(run: Run, network: Network) -> Steps[Outcome]:
 
 def _guided(run: Run, network: Network, expand: _ByProbability) -> Steps[Outcome]:
     tree = run.tree
+    with run.timed("image"):
+        images = network.look(tree.scene)
     with run.timed("network"):
-        code = network.begin(tree.scene, tree.grounding)
+        code = network.begin(tree.scene, tree.grounding, images)
     expand.push(_Candidate(tree.root, 1.0, code.initial_hidden(1)[0]))
     leaves, threshold, width = _ByProbability(), THRESHOLD, 1
     while expand or leaves:

@@ -38,7 +38,7 @@ class Run:
 
     def __init__(self, tree: SequenceTree, accept: Accept, progress: Progress) -> None:
         self.tree, self.accept, self.progress = tree, accept, progress
-        self.seconds = {"network": 0.0, "pose": 0.0, "sequence": 0.0, "path": 0.0}
+        self.seconds = {"image": 0.0, "network": 0.0, "pose": 0.0, "sequence": 0.0, "path": 0.0}
 
     @contextmanager
     def timed(self, bound: str) -> Iterator[None]:

@@ -5,13 +5,14 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import FACES, enumerate_sequences
 from dvr_jax.model import predictor as module
 from dvr_jax.model.encoding import SYMBOLS, direction
 from dvr_jax.model.export import Header, export_weights
-from dvr_jax.model.images import BRIGHTNESS, scene_images
+from dvr_jax.model.images import BRIGHTNESS, SceneImages, scene_images
 from dvr_jax.model.network import Network, NetworkConfig, initial_weights
 from dvr_jax.model.predictor import BATCH_SIZES, Predictor
 from dvr_jax.scene.sampling import SceneDistribution, sample_scenes
@@ -49,6 +50,22 @@ def test_steps_are_the_network_on_the_actions_images(number: int) -> None:
         probability, mine = PREDICTOR.step(code, mine, [index])
         np.testing.assert_allclose(probability, 1 / (1 + np.exp(-np.asarray(logit))), atol=1e-5)
         np.testing.assert_allclose(mine, theirs, atol=1e-5)
+
+
+def test_images_of_another_camera_take_the_place_of_the_rendered_ones() -> None:
+    scene = next(sample_scenes(1, 2, 0))
+    images = PREDICTOR.look(scene)
+
+    def answer(of: SceneImages | None) -> NDArray[np.float32]:
+        code = PREDICTOR.begin(scene, images=of)
+        return PREDICTOR.step(code, code.initial_hidden(24), range(24))[0]
+
+    np.testing.assert_array_equal(answer(images), answer(None))
+    assert not np.array_equal(answer(images._replace(height=np.zeros_like(images.height))), answer(None))
+    with pytest.raises(DvrError, match=r"\(8, 8\).*valid.*\(16, 16\)"):
+        answer(scene_images(scene, 8))
+    with pytest.raises(DvrError, match="not finite"):
+        answer(images._replace(height=np.full_like(images.height, np.nan)))
 
 
 def test_rows_do_not_see_each_other_nor_the_padding() -> None:

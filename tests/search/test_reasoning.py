@@ -72,7 +72,11 @@ class Guess:
     def __init__(self, guess) -> None:
         self.guess = guess
 
-    def begin(self, scene, grounding=None) -> "Guess":
+    def look(self, scene) -> str:
+        return "image"
+
+    def begin(self, scene, grounding=None, images=None) -> "Guess":
+        assert images == "image"
         return self
 
     def initial_hidden(self, number: int = 1) -> NDArray[np.float32]:
