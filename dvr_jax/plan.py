@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 import tyro
 
 from dvr_jax.check.motion import save_motion
-from dvr_jax.errors import run_command
+from dvr_jax.errors import DvrError, run_command
 from dvr_jax.film import save_animation, save_depth_picture, save_film
 from dvr_jax.planner import Plan, plan
 from dvr_jax.scene.mjcf import scene_xml
@@ -36,13 +36,14 @@ class PlanOptions:
     search: Literal["dvr", "classifier", "mbts", "bfs"] = "dvr"
     """Guided by a network as in the paper or by a feasibility classifier; multi-bound tree search; breadth-first."""
     network: Path | None = None
-    """Trained network of the search's kind, for dvr and classifier; by default the shipped one."""
+    """Trained network of the search's kind, for dvr and classifier: a file network.npz, or a training's folder; by
+    default the shipped one."""
     k_max: int = 6
     """Largest number of actions."""
     seed: int = 0
     """Of all sampling; the same seed gives the same plan."""
     time_limit: float = 300.0
-    """Seconds after which the search gives up, compilation included."""
+    """Seconds after which the search gives up. The first plan ever compiles for most of a minute, which counts."""
     out: Path | None = None
     """Folder for plan.json, trajectory.npz, scene.xml, film.png, depth.png and plan.gif; made if missing."""
     animation: bool = True
@@ -95,6 +96,8 @@ def main() -> int:
         from dvr_jax.model.predictor import load_network
 
         network = load_network(options.search, options.network)
+    elif options.network is not None:
+        raise DvrError(f"--search {options.search} takes no --network; valid with one: {', '.join(GUIDED)}.")
     result = plan(
         scene, options.search, options.k_max, options.seed, options.time_limit,
         progress=lambda line: print(f"  {line}", file=sys.stderr, flush=True),

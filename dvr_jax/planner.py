@@ -72,7 +72,7 @@ def plan(
     search: str = "dvr",
     k_max: int = 6,
     seed: int = 0,
-    time_limit: float = 60.0,
+    time_limit: float = 300.0,
     progress: Callable[[str], None] = lambda line: None,
     network: Network | None = None,
 ) -> Plan:
@@ -85,7 +85,7 @@ def plan(
         k_max: largest number of actions, at least 1.
         seed: of all sampling; the same seed gives the same plan.
         time_limit: [s]; looked at between batches, so it is overrun by a few seconds at most once programs are
-        compiled.
+        compiled. Compilation, most of a minute on the first plan ever, counts.
         progress: takes a line about what is going on.
         network: of the search's kind (`dvr_jax.model.predictor.Predictor.load`), for "dvr" and "classifier"; by default
         the shipped one.

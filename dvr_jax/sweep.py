@@ -1,6 +1,6 @@
 """Command line `python -m dvr_jax.sweep --scenes FILE.jsonl --out DIR`: label action sequences of many scenes.
 
-DIR then holds one Parquet shard (`dvr_jax.dataset.shards`) for each `--shard` consecutive scenes, and `manifest.json`.
+DIR then holds one Parquet shard (`dvr_jax.dataset.shards`) for each `--shard` consecutive scenes, and `_manifest.json`.
 A shard is written whole once all its scenes are done; a sweep that was killed goes on with the shards that are not
 there, and ends with the same rows. They depend neither on the number of workers nor on what shares a batch.
 
@@ -40,7 +40,9 @@ _DEFAULT = LabelOptions()
 
 @dataclass(frozen=True)
 class SweepOptions:
-    """Label sequences of each scene, in order of length, until enough of them are feasible."""
+    """Label sequences of each scene, in order of length, until enough of them are feasible.
+
+    A sweep that was stopped goes on when the same command is given again; a shard is written once it is complete."""
 
     scenes: Path
     """JSON Lines file, one scene a line (`python -m dvr_jax.sample` draws them)."""
@@ -55,7 +57,7 @@ class SweepOptions:
     seed: int = _DEFAULT.seed
     """Of the solver's samples."""
     shard: int = 50
-    """Scenes in a shard."""
+    """Scenes in a shard; progress is told, and kept, shard by shard."""
     width: int = 32
     """Scenes whose solves share a batch."""
     workers: int = os.cpu_count() or 1
@@ -109,7 +111,9 @@ def _on_ray(tasks: Sequence[_Task], address: str) -> Iterator[tuple[_Task, list[
     try:
         import ray
     except ImportError:
-        raise DvrError("--ray needs Ray, which is not installed; `pip install 'dvr_jax[ray]'` does.") from None
+        raise DvrError(
+            "--ray needs Ray, which is not installed; `pip install '.[ray]'` in the repository does."
+        ) from None
     try:
         host, _, port = address.removeprefix("ray://").rpartition(":")
         if host:

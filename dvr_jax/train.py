@@ -9,6 +9,7 @@ same machine (on a GPU only with XLA_FLAGS=--xla_gpu_deterministic_ops=true).
 from __future__ import annotations
 
 import sys
+from functools import partial
 
 import tyro
 
@@ -31,8 +32,9 @@ def main() -> int:
     network = NetworkConfig(
         image_size=options.image_size, normals=options.normals, pooling=options.pooling, goal=options.kind == "dvr"
     )
-    held_out = load_examples(options.validation) if options.validation else None
-    data = prepare(options, load_examples(options.data), held_out, say)
+    load = partial(load_examples, completions=options.completions, k_max=options.k_max)
+    held_out = load(options.validation) if options.validation else None
+    data = prepare(options, load(options.data), held_out, say)
     say(
         f"{len(data.draws.rows)} sequences to train on, {len(data.draws.feasible)} of them feasible; "
         f"a target of 1 weighs {data.positive_weight:.2f}"

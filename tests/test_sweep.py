@@ -67,7 +67,7 @@ def test_a_killed_sweep_ends_with_the_same_rows(scenes: Path, tmp_path: Path) ->
     )
     assert all(same_rows(read_shard(a.path), read_shard(b.path)) for a, b in zip(cut, whole, strict=True))
     assert all(path.stat().st_mtime_ns == time for path, time in written.items())
-    assert (tmp_path / "cut" / "manifest.json").exists()
+    assert (tmp_path / "cut" / "_manifest.json").exists()
 
     refused = sweep(scenes, tmp_path / "cut", "--seed", "1")
     assert refused.wait() == 2

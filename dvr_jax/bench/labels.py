@@ -5,21 +5,27 @@ feasible one if some start finds both."""
 
 from __future__ import annotations
 
+import hashlib
+import os
 import sys
 from collections import defaultdict
+from concurrent.futures import as_completed
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import jax
 import numpy as np
 import tyro
 
+from dvr_jax.bench.ledger import Ledger
 from dvr_jax.bench.recall import oracle_keyframes, oracle_path
 from dvr_jax.dataset.examples import find_shards
 from dvr_jax.dataset.labels import Label
 from dvr_jax.dataset.shards import read_shard
 from dvr_jax.komo.transcription import transcribe
 from dvr_jax.logic import Action
+from dvr_jax.processes import worker_processes
 from dvr_jax.scene.types import Scene
 
 
@@ -29,10 +35,14 @@ class LabelsOptions:
 
     data: Path
     """Folder of shards."""
-    number: int = 300
+    labels: int = 300
     """Labels of each verdict; those that a constant of the scene refutes are left out."""
     seed: int = 0
     """Of the draw and of the starts."""
+    workers: int = os.cpu_count() or 1
+    """Processes, one label each at a time."""
+    out: Path | None = None
+    """JSON Lines file of results; labels that it already has are not judged again."""
 
 
 def oracle_verdict(scene: Scene, label: Label, generator: np.random.Generator) -> bool:
@@ -43,9 +53,8 @@ def oracle_verdict(scene: Scene, label: Label, generator: np.random.Generator) -
     return bool(found) and (not needs_path or oracle_path(transcribe(scene, actions), found, generator))
 
 
-def run(arguments: list[str]) -> int:
-    """Print the confirmed share by verdict and bound."""
-    options = tyro.cli(LabelsOptions, prog="python -m dvr_jax.bench labels", args=arguments)
+def draw_labels(options: LabelsOptions) -> list[tuple[Scene, Label]]:
+    """As many labels of each verdict, the feasible ones first."""
     rows: dict[bool, list[tuple[Scene, Label]]] = {True: [], False: []}
     for info in find_shards(options.data):
         shard = read_shard(info.path)
@@ -53,15 +62,40 @@ def run(arguments: list[str]) -> int:
             if label.bound != "symbolic":
                 rows[label.feasible].append((shard.scenes[label.scene - shard.info.scenes.start], label))
     generator = np.random.default_rng(options.seed)
-    counts: dict[str, list[bool]] = defaultdict(list)
+    return [found[i] for found in rows.values() for i in generator.permutation(len(found))[: options.labels]]
+
+
+def _judge(seed: int, number: int, scene: Scene, label: Label) -> dict[str, object]:
     with jax.enable_x64(True):
-        for feasible, found in rows.items():
-            for index in generator.permutation(len(found))[: options.number]:
-                scene, label = found[index]
-                confirmed = oracle_verdict(scene, label, generator) == feasible
-                counts["feasible" if feasible else f"infeasible by {label.bound}"].append(confirmed)
-                if not confirmed:
-                    print(f"  not confirmed: {label}, {label.bound or 'feasible'}", file=sys.stderr, flush=True)
+        verdict = oracle_verdict(scene, label, np.random.default_rng([seed, number]))
+    return {
+        "label": number,
+        "scene": label.scene,
+        "actions": label.actions,
+        "verdict": "feasible" if label.feasible else f"infeasible by {label.bound}",
+        "violation": label.violation,
+        "confirmed": verdict == label.feasible,
+    }
+
+
+def run(arguments: list[str]) -> int:
+    """Print the confirmed share by verdict and bound."""
+    options = tyro.cli(LabelsOptions, prog="python -m dvr_jax.bench labels", args=arguments)
+    drawn = draw_labels(options)
+    checksum = hashlib.sha256(repr([label for _, label in drawn]).encode()).hexdigest()[:16]
+    ledger = Ledger(options.out, {"labels": options.labels, "seed": options.seed, "drawn": checksum}, of="label")
+    todo = ledger.missing(len(drawn))
+    with worker_processes(options.workers) as pool:
+        judge = partial(_judge, options.seed)
+        for future in as_completed([pool.submit(judge, number, *drawn[number]) for number in todo]):
+            row = future.result()
+            ledger.add(row)
+            if not row["confirmed"]:
+                words = " ".join(row["actions"])  # type: ignore[arg-type]
+                print(f"  not confirmed, {row['verdict']}: scene {row['scene']}, {words}", file=sys.stderr, flush=True)
+    counts: dict[str, list[bool]] = defaultdict(list)
+    for kept in ledger.rows.values():
+        counts[kept["verdict"]].append(kept["confirmed"])
     for name, verdicts in sorted(counts.items()):
         print(f"{name:<24} {sum(verdicts):>5} of {len(verdicts):>5} confirmed ({np.mean(verdicts):.1%})")
     infeasible = [verdict for name, verdicts in counts.items() if name != "feasible" for verdict in verdicts]

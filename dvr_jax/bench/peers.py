@@ -80,7 +80,7 @@ _T = TypeVar("_T")
 class PeersOptions:
     """Solve the same problems with `robotic` and with ours, on one core."""
 
-    scenes: int = 20
+    number: int = 20
     """Scenes of two boxes."""
     drawn: int = 1
     """Sequences of each scene and length drawn at random; most are infeasible."""
@@ -235,7 +235,7 @@ def use_one_core() -> None:
 def _header(options: PeersOptions) -> dict[str, object]:
     """What results must agree in to stand in one file."""
     chosen = asdict(options)
-    for name in ("scenes", "out"):
+    for name in ("number", "out"):
         del chosen[name]
     return {
         **chosen,
@@ -248,8 +248,9 @@ def _header(options: PeersOptions) -> dict[str, object]:
 
 def _results(options: PeersOptions) -> Iterator[dict[str, Any]]:
     ledger = Ledger(options.out, _header(options))
-    for index in range(options.scenes):
-        if index not in ledger.rows:
+    todo = ledger.missing(options.number)
+    for index in range(options.number):
+        if index in todo:
             begin = time.monotonic()
             ledger.add({"scene": index, "problems": solve_scene(options, index)})
             words = f"{len(ledger.rows[index]['problems'])} problems, {time.monotonic() - begin:.0f} s"
@@ -313,8 +314,8 @@ def print_tables(rows: Sequence[dict[str, Any]]) -> None:
 def run(arguments: list[str]) -> int:
     """Solve all problems with both, print the tables."""
     options = tyro.cli(PeersOptions, prog="python -m dvr_jax.bench peers", args=arguments)
-    if options.scenes < 1:
-        raise DvrError(f"the number of scenes is {options.scenes}; valid is 1 or more.")
+    if options.number < 1:
+        raise DvrError(f"the number of scenes is {options.number}; valid is 1 or more.")
     use_one_core()
     load_robotic()
     with jax.enable_x64(True):

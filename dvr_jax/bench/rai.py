@@ -76,7 +76,7 @@ def load_robotic() -> Any:
     except (ImportError, OSError) as error:
         reason = " ".join(str(error).split())
         raise DvrError(
-            f"this benchmark needs the package `robotic` ({reason}): pip install 'dvr_jax[peers]', "
+            f"this benchmark needs the package `robotic` ({reason}): pip install '.[peers]' in the repository, "
             "and on Debian apt-get install liblapack3."
         ) from None
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import sys
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
@@ -28,6 +29,7 @@ from dvr_jax.komo.problem import Problem, Variables
 from dvr_jax.komo.proposals import PITCH_RANGE
 from dvr_jax.komo.transcription import refute, transcribe
 from dvr_jax.logic import Action, Grounding, ground_actions
+from dvr_jax.processes import worker_processes
 from dvr_jax.robot.kinematics import load_arm
 from dvr_jax.scene.sampling import sample_scene
 from dvr_jax.scene.scene import scene_from_json, scene_to_json
@@ -194,6 +196,15 @@ class OracleOptions:
     """Of everything."""
     out: Path = PROBLEMS
     """JSON Lines file; problems that it already has are kept."""
+    workers: int = os.cpu_count() or 1
+    """Processes, one problem each at a time."""
+
+
+def _draw_problem(seed: int, kind: str, index: int, length: int) -> dict[str, object]:
+    """One row of the problem file."""
+    draw = draw_keyframe_problem if kind == "keyframes" else draw_path_problem
+    with jax.enable_x64(True):
+        return {"kind": kind, "index": index, **draw(seed, index, length)}
 
 
 def run_oracle(arguments: list[str]) -> int:
@@ -204,16 +215,13 @@ def run_oracle(arguments: list[str]) -> int:
     done = {(row["kind"], row["index"]) for row in map(json.loads, lines)}
     jobs = [("keyframes", index, 1 + index % 6) for index in range(options.keyframes)]
     jobs += [("path", index, 2 + index % 5) for index in range(options.paths)]
-    with options.out.open("a", encoding="utf-8") as file, jax.enable_x64(True):
-        for kind, index, length in jobs:
-            if (kind, index) in done:
-                continue
-            draw = draw_keyframe_problem if kind == "keyframes" else draw_path_problem
-            row = {"kind": kind, "index": index, **draw(options.seed, index, length)}
+    todo = [job for job in jobs if job[:2] not in done]
+    with options.out.open("a", encoding="utf-8") as file, worker_processes(options.workers) as pool:
+        for row in pool.map(partial(_draw_problem, options.seed), *zip(*todo, strict=True)) if todo else ():
             file.write(json.dumps(row) + "\n")
             file.flush()
             verdict = "feasible" if row["feasible"] else "infeasible"
-            print(f"  {kind} {index}: length {length}, {verdict}", file=sys.stderr, flush=True)
+            print(f"  {row['kind']} {row['index']}: length {row['length']}, {verdict}", file=sys.stderr, flush=True)
     return 0
 
 
@@ -228,7 +236,7 @@ class RecallOptions:
 def read_problems(path: Path) -> Iterator[tuple[Scene, list[Action], dict[str, object]]]:
     """Scene, actions and row of each problem."""
     if not path.exists():
-        raise DvrError(f"there is no file {path}; `python -m dvr_jax.bench oracle` writes it.")
+        raise DvrError(f"there is no file {path}; the repository has it, seen from its root.")
     for line in path.read_text(encoding="utf-8").splitlines():
         row = json.loads(line)
         actions = [Action(operator, tuple(arguments)) for operator, *arguments in row["actions"]]

@@ -30,13 +30,14 @@ class SearchOptions:
     searches: tuple[str, ...] = ("dvr", "classifier", "mbts")
     """Of dvr, classifier, mbts, bfs."""
     networks: Path = SHIPPED
-    """Folder with dvr.npz and classifier.npz; by default the shipped ones."""
+    """Folder with a network NAME.npz for each of the guided searches (`network.npz` of a training, renamed); by default
+    the shipped ones."""
     number: int = 500
     """Scenes."""
     objects: int = 2
     """Objects in each scene, 1 to 8."""
     seed: int = 2
-    """Of the scenes; not one that was trained on (100) or chosen by (300)."""
+    """Of the scenes. The shipped networks were trained on seed 100 and chosen by seed 300."""
     k_max: int = 6
     """Largest number of actions."""
     time_limit: float = 60.0
@@ -79,7 +80,7 @@ def _print_search(name: str, rows: Sequence[Row], feasible: int, k_max: int) -> 
     image, network, seconds = (
         sum(row["seconds"].get(part, 0.0) for row in solved) for part in ("image", "network", "total")
     )
-    share = f"; of the time, network {network / seconds:.1%} and depth image {image / seconds:.1%}" if network else ""
+    share = f"; of the time, network {network / seconds:.1%}, its depth image {image / seconds:.1%}" if network else ""
     print(f"{name}: {len(solved)} solved, {feasible - len(solved)} of the {feasible} feasible scenes not{share}")
     print("  length scenes   total s   sequences tried    path NLPs   keyframe NLPs   (medians; means)")
     for length, of_length in by_length(solved, k_max).items():
@@ -112,7 +113,7 @@ def save_plots(path: Path, tables: dict[str, dict[int, Row]], k_max: int) -> Non
     try:
         from matplotlib.figure import Figure
     except ImportError:
-        raise DvrError("the plots need matplotlib: pip install 'dvr_jax[plots]'.") from None
+        raise DvrError("the plots need matplotlib: pip install '.[plots]' in the repository.") from None
     figure = Figure(figsize=(14, 4), layout="constrained")
     lengths = [n for n in range(1, k_max + 1) if any(len(r["words"]) == n for t in tables.values() for r in t.values())]
     values: list[tuple[str, str, Callable[[Row], float]]] = [

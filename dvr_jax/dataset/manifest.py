@@ -1,4 +1,4 @@
-"""What a folder of shards holds, in numbers and checksums: `manifest.json`."""
+"""What a folder of shards holds, in numbers and checksums: `_manifest.json`."""
 
 import hashlib
 import json
@@ -15,7 +15,8 @@ from dvr_jax.dataset.footer import ShardInfo
 from dvr_jax.dataset.shards import SUFFIX, list_shards, read_columns
 from dvr_jax.errors import DvrError
 
-MANIFEST = "manifest.json"
+MANIFEST = "_manifest.json"
+"""Readers of Parquet folders (pyarrow, pandas, DuckDB's and Spark's) take no file for data whose name begins so."""
 
 
 @dataclass(slots=True)
@@ -77,7 +78,7 @@ def count_infeasible_sequences(infos: Iterable[ShardInfo], k_max: int) -> int:
 
 
 def write_manifest(directory: str | Path, command: Sequence[str] | None = None) -> Path:
-    """Write `manifest.json` for the shards of a folder: command, seeds, options, versions, counts, checksums.
+    """Write `_manifest.json` for the shards of a folder: command, seeds, options, versions, counts, checksums.
 
     `command` is what made them; without it, the command line of this process. Depends on nothing else than the shards,
     so the same shards give the same file.

@@ -18,7 +18,8 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from dvr_jax.scene.camera import render_depth
+from dvr_jax.errors import DvrError
+from dvr_jax.scene.camera import DepthImage, render_depth
 from dvr_jax.scene.types import Goal, Region, Scene
 
 CHANNELS = 3
@@ -63,8 +64,22 @@ def _empty_depth(home: tuple[tuple[float, ...], tuple[float, ...]], size: int) -
 
 def scene_images(scene: Scene, size: int) -> SceneImages:
     """Heights and masks of a scene as images of size x size pixels."""
-    image = render_depth(scene, size, size)
-    height = (_empty_depth(scene.home, size) - image.depth) / UNIT_HEIGHT
+    return depth_images(scene, render_depth(scene, size, size))
+
+
+def depth_images(scene: Scene, image: DepthImage) -> SceneImages:
+    """The same of a depth image of the scene, rendered or a real camera's (H, H).
+
+    The network knows one camera, `dvr_jax.scene.pinhole.SCENE_CAMERA`: depth [m] along its optical axis, seen from its
+    place; the arms are at home. A pixel that is not finite counts as empty table. The goal's mask covers the whole
+    region, also where something stands on it.
+    """
+    size = len(image.depth)
+    shapes = image.depth.shape, image.object_masks.shape, image.goal_mask.shape
+    valid = (size, size), (len(scene.objects), size, size), (size, size)
+    if shapes != valid:
+        raise DvrError(f"depth, objects' masks and goal's mask have the shapes {shapes}; valid are {valid}.")
+    height = np.nan_to_num((_empty_depth(scene.home, size) - image.depth) / UNIT_HEIGHT, nan=0, posinf=0, neginf=0)
     masks = np.concatenate([image.object_masks, image.goal_mask[None], np.zeros((1, size, size), bool)])
     return SceneImages(np.clip(height, -LARGEST_HEIGHT, LARGEST_HEIGHT), masks.astype(np.uint8))
 

@@ -4,6 +4,11 @@ predictor = Predictor.load(Path("out/train/network.npz"))
 code = predictor.begin(scene)
 hidden = code.initial_hidden(len(children))
 probabilities, hidden = predictor.step(code, hidden, children)     # children: indices of actions
+
+With a depth image of your own camera instead of a rendered one, for a plan too:
+
+images = depth_images(scene, DepthImage(depth, object_masks, goal_mask))
+plan(scene, network=dataclasses.replace(predictor, images=images))
 """
 
 from __future__ import annotations
@@ -73,6 +78,8 @@ class Predictor:
 
     weights: Weights
     kind: Kind
+    images: SceneImages | None = None
+    """What a camera of your own sees (`dvr_jax.model.images.depth_images`); by default scenes are rendered."""
 
     @staticmethod
     def load(path: Path) -> Predictor:
@@ -86,8 +93,8 @@ class Predictor:
         return Predictor(weights, header.kind)
 
     def look(self, scene: Scene) -> SceneImages:
-        """Heights and masks of a scene as the camera sees them, in the network's size."""
-        return scene_images(scene, self.weights.config.image_size)
+        """Heights and masks of a scene in the network's size, rendered unless there are images of another camera."""
+        return scene_images(scene, self.weights.config.image_size) if self.images is None else self.images
 
     def begin(self, scene: Scene, grounding: Grounding | None = None, images: SceneImages | None = None) -> SceneCode:
         """Encode a scene, once for a whole search.
@@ -95,14 +102,14 @@ class Predictor:
         Args:
             scene: with 1 to 8 objects.
             grounding: that of its objects and goal, if known.
-            images: what a camera of your own sees of it, in the network's size; by default rendered (`look`).
+            images: what `look` gave, if it was asked before.
         """
         names = [item.name for item in scene.objects]
         if grounding is None:
             grounding = ground_actions(names, scene.goal.object)
         actions = encode_actions(grounding, scene.objects)
         number = next(size for size in OBJECT_NUMBERS if size >= len(names))
-        stack = stack_images([self.look(scene) if images is None else self._checked(images, scene)], number)
+        stack = stack_images([self._checked(self.look(scene) if images is None else images, scene)], number)
         pairs = np.full((2 * number, 2), len(names) + 1, np.int32)  # padding: two masks of zeros
         pairs[: len(actions.pairs)] = actions.pairs
         codes = _encode_scene(
@@ -124,8 +131,6 @@ class Predictor:
                 f"the images have shapes {images.height.shape} and {images.masks.shape}; valid for this network and "
                 f"scene are {(size, size)} and {(len(scene.objects) + 2, size, size)}."
             )
-        if not np.isfinite(images.height).all():
-            raise DvrError("a height of the images is not finite; valid is 0 where the camera saw nothing.")
         return images
 
     def step(

@@ -43,7 +43,9 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class TrainOptions:
-    """Train the network on labelled sequences; the defaults are the paper's where it states them."""
+    """Train the network on labelled sequences; the defaults are the paper's where it states them.
+
+    A training that was stopped goes on from its last checkpoint when the same command is given again."""
 
     data: tuple[Path, ...]
     """Files of labelled sequences, or folders of them."""
@@ -55,6 +57,10 @@ class TrainOptions:
     """Held-out sequences; without it, a fraction of the scenes of --data is held out."""
     held_out: float = 0.1
     """Fraction of the scenes that is held out."""
+    k_max: int = 6
+    """Longer sequences of the data are left out."""
+    completions: int = 3
+    """Sequences drawn among those that begin with a refuted prefix, for each."""
     steps: int = 100_000
     """Batches to train on."""
     image_size: int = 64
@@ -72,9 +78,8 @@ class TrainOptions:
     known: bool = True
     """Leave out targets of 0 that only say that nobody has looked; without it, all targets count, as in the paper."""
     stratified: bool = True
-    """Draw the other sequences evenly by the number of actions after which they are refuted; without it, evenly among
-    all of a scene's."""
-    scenes: int = 12
+    """Draw the others evenly by the number of actions after which they are refuted; without it, from all evenly."""
+    batch_scenes: int = 12
     """Distinct scenes in a batch; the fewer, the faster is a step."""
     turn: bool = True
     """Show half of the scenes turned by 180 degrees, the arms exchanged."""
@@ -98,7 +103,7 @@ class TrainOptions:
         for name in (
             "steps",
             "batch",
-            "scenes",
+            "batch_scenes",
             "log_every",
             "validate_every",
             "checkpoint_every",
@@ -149,7 +154,7 @@ def prepare(options: TrainOptions, examples: Examples, held_out: Examples | None
         rows, validation_rows = rows[~aside], rows[aside]
         if not len(rows):
             raise DvrError(f"all {len(examples.scenes)} scenes are held out; give more scenes or a smaller --held-out.")
-    draws = Draws.of(examples, rows, options.scenes, options.batch, options.least_feasible, options.stratified)
+    draws = Draws.of(examples, rows, options.batch_scenes, options.batch, options.least_feasible, options.stratified)
     weight = options.positive_weight
     if weight is None:
         share = draws.share_of_ones(examples, options.kind)
@@ -207,7 +212,7 @@ def train(options: TrainOptions, data: TrainingData, network: NetworkConfig, say
     checkpoints.close()
     export_weights(options.out / "network.npz", weights, header)
     if not save_curves(options.out / "curves.png", records):
-        say("no curves.png: matplotlib is not installed (pip install 'dvr_jax[plots]')")
+        say("no curves.png: matplotlib is not installed (pip install '.[plots]' in the repository)")
     return weights
 
 
@@ -218,7 +223,7 @@ def _all_known(examples: Examples) -> Examples:
 
 def _course(options: TrainOptions, data: TrainingData) -> dict[str, Any]:
     """Everything on which the course of a run depends besides network, kind and domain; not when it ends."""
-    names = ("learning_rate", "batch", "least_feasible", "known", "stratified", "scenes", "turn", "seed")
+    names = ("learning_rate", "batch", "least_feasible", "known", "stratified", "batch_scenes", "turn", "seed")
     split = "separate" if options.validation else options.held_out
     return {
         **{name: getattr(options, name) for name in names},

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from dvr_jax.bench import ledger
 from dvr_jax.bench.ledger import Ledger
 from dvr_jax.errors import DvrError
 
@@ -31,6 +32,19 @@ def test_other_options_and_other_files_are_refused(tmp_path: Path) -> None:
 
 
 def test_without_a_file_rows_are_kept_in_memory() -> None:
-    ledger = Ledger(None, {})
-    ledger.add({"scene": 7})
-    assert ledger.rows == {7: {"scene": 7}}
+    in_memory = Ledger(None, {})
+    in_memory.add({"scene": 7})
+    assert in_memory.rows == {7: {"scene": 7}}
+
+
+def test_results_of_another_version_are_shown_but_not_mixed_with_new_ones(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "rows.jsonl"
+    Ledger(path, {}, of="label").add({"label": 1})
+    assert Ledger(path, {}, of="label").missing(3) == [0, 2]
+    assert "1 of 3 labels" in capsys.readouterr().err
+    monkeypatch.setattr(ledger, "__version__", "9.9")
+    assert Ledger(path, {}, of="label").missing(0) == []
+    with pytest.raises(DvrError, match=r"results of dvr_jax .*, this is 9\.9"):
+        Ledger(path, {}, of="label").missing(3)

@@ -105,5 +105,5 @@ def test_without_robotic_a_sentence_says_how_to_get_it(monkeypatch: pytest.Monke
 
 def test_no_scenes_are_refused() -> None:
     with pytest.raises(DvrError, match="number of scenes is 0"):
-        run(["--scenes", "0"])
-    assert PeersOptions().scenes > 0
+        run(["--number", "0"])
+    assert PeersOptions().number > 0

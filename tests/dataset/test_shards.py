@@ -176,7 +176,7 @@ def test_foreign_files_are_refused(tmp_path: Path, shard: Shard) -> None:
 def test_list_is_sorted_and_ignores_other_files(folder: Path, tmp_path: Path) -> None:
     for info, name in zip(list_shards(folder), ("z", "b"), strict=True):
         (tmp_path / f"{name}.parquet").write_bytes(info.path.read_bytes())
-    (tmp_path / "manifest.json").write_text("{}")
+    (tmp_path / "_manifest.json").write_text("{}")
     (tmp_path / ".b.parquet.1.tmp").write_text("half")
     assert [(info.path.name, info.scenes) for info in list_shards(tmp_path)] == [
         ("z.parquet", range(5)),

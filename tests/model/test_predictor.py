@@ -1,5 +1,6 @@
 """The predictor against the network on whole sequences, for every number of objects."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -12,10 +13,12 @@ from dvr_jax.logic import FACES, enumerate_sequences
 from dvr_jax.model import predictor as module
 from dvr_jax.model.encoding import SYMBOLS, direction
 from dvr_jax.model.export import Header, export_weights
-from dvr_jax.model.images import BRIGHTNESS, SceneImages, scene_images
+from dvr_jax.model.images import BRIGHTNESS, depth_images, scene_images
 from dvr_jax.model.network import Network, NetworkConfig, initial_weights
 from dvr_jax.model.predictor import BATCH_SIZES, Predictor
+from dvr_jax.scene.camera import render_depth
 from dvr_jax.scene.sampling import SceneDistribution, sample_scenes
+from dvr_jax.scene.types import Scene
 
 WEIGHTS = initial_weights(NetworkConfig(image_size=16, channels=(2, 3, 3), dense=9, hidden=13), 4)
 PREDICTOR = Predictor.of(WEIGHTS, Header("dvr", WEIGHTS.config))
@@ -54,18 +57,23 @@ def test_steps_are_the_network_on_the_actions_images(number: int) -> None:
 
 def test_images_of_another_camera_take_the_place_of_the_rendered_ones() -> None:
     scene = next(sample_scenes(1, 2, 0))
-    images = PREDICTOR.look(scene)
+    seen = render_depth(scene, 16, 16)
 
-    def answer(of: SceneImages | None) -> NDArray[np.float32]:
-        code = PREDICTOR.begin(scene, images=of)
-        return PREDICTOR.step(code, code.initial_hidden(24), range(24))[0]
+    def answer(predictor: Predictor) -> NDArray[np.float32]:
+        code = predictor.begin(scene)
+        return predictor.step(code, code.initial_hidden(24), range(24))[0]
 
-    np.testing.assert_array_equal(answer(images), answer(None))
-    assert not np.array_equal(answer(images._replace(height=np.zeros_like(images.height))), answer(None))
+    def answer_to(depth: NDArray[np.float32]) -> NDArray[np.float32]:
+        return answer(replace(PREDICTOR, images=depth_images(scene, replace(seen, depth=depth))))
+
+    np.testing.assert_array_equal(answer_to(seen.depth), answer(PREDICTOR))
+    empty = render_depth(Scene((), scene.goal, scene.home), 16, 16).depth
+    assert not np.array_equal(answer_to(empty), answer(PREDICTOR))
+    np.testing.assert_array_equal(answer_to(np.full((16, 16), np.nan, np.float32)), answer_to(empty))
     with pytest.raises(DvrError, match=r"\(8, 8\).*valid.*\(16, 16\)"):
-        answer(scene_images(scene, 8))
-    with pytest.raises(DvrError, match="not finite"):
-        answer(images._replace(height=np.full_like(images.height, np.nan)))
+        answer(replace(PREDICTOR, images=scene_images(scene, 8)))
+    with pytest.raises(DvrError, match=r"\(16, 15\).*valid.*\(16, 16\)"):
+        answer_to(seen.depth[:, 1:])
 
 
 def test_rows_do_not_see_each_other_nor_the_padding() -> None:
