@@ -9,8 +9,9 @@ For sequence i of a scene and goal, with actions a_1 .. a_K and verdict F, and e
 The first case is the second with l = i, so f_j = 1 exactly if a_1 .. a_j is a prefix of a feasible sequence.
 
 A sweep ends with the first few feasible sequences, so the last case holds of many prefixes that only nobody has looked
-at: faces that come later in the order of the sweep would be learned to be bad. `Verdicts` tells them from those that
-are known to be bad: nothing that begins with them is feasible and as short as the shortest feasible sequence.
+at: they would be learned to be bad. `Verdicts` tells them from those that are known to be bad: nothing that begins with
+them and is no longer than the longest known solution is feasible. (With the shortest for the longest, of a length that
+a sweep has begun but not ended, a few prefixes would be ones and the others, as good as they, zeros.)
 """
 
 from collections.abc import Iterable, Sequence
@@ -60,7 +61,7 @@ class Verdicts:
         self._symbols = symbols
         solutions = set(feasible)
         self._bad = {*infeasible, *refuted}
-        self._shortest = min(map(len, solutions), default=0)
+        self._longest = max(map(len, solutions), default=0)
         self._promising = {sequence[:length] for sequence in solutions for length in range(len(sequence) + 1)}
         self._visited = {sequence[:length] for sequence in self._bad for length in range(len(sequence))}
         self._all_bad: dict[tuple[int, ...], bool] = {}
@@ -81,13 +82,13 @@ class Verdicts:
         return prefix in self._promising or self._is_bad(prefix, self._symbols.state_after(prefix))
 
     def _is_bad(self, prefix: tuple[int, ...], state: int) -> bool:
-        """Whether nothing feasible of at most the shortest length begins with a prefix."""
+        """Whether nothing feasible that is no longer than the longest solution begins with a prefix."""
         if prefix in self._bad:
             return True
         if prefix in self._promising or prefix not in self._visited:
             return False
         if prefix not in self._all_bad:
-            grounding, remaining = self._symbols.grounding, self._shortest - len(prefix) - 1
+            grounding, remaining = self._symbols.grounding, self._longest - len(prefix) - 1
             self._all_bad[prefix] = all(
                 self._is_bad((*prefix, action), after)
                 for action in grounding.applicable(state)

@@ -23,6 +23,7 @@ from dvr_jax.logic import Grounding, ground_actions
 from dvr_jax.model.encoding import TURNED, ActionCodes, encode_actions, goal_tuple
 from dvr_jax.model.export import Kind
 from dvr_jax.model.images import ImageStack
+from dvr_jax.scene.scene import scene_to_json
 from dvr_jax.scene.types import Scene
 
 VIEW_BUCKET, IMAGE_BUCKET = 12, 16
@@ -51,8 +52,8 @@ class Batch(NamedTuple):
     target: NDArray[np.float32]
     """0 or 1 (B, K)."""
     mask: NDArray[np.float32]
-    """1 where a step counts (B, K): where its target is known, or (classifier) at a sequence's last action and, where
-    it is feasible, at all of them."""
+    """1 where a step counts (B, K): where its target is known; for the classifier, where the verdict on the sequence so
+    far is: at all actions of a feasible sequence, else from that on which refutes it."""
 
 
 @dataclass(frozen=True)
@@ -135,11 +136,11 @@ def check_examples(examples: Examples, source: str) -> None:
         )
 
 
-def held_out_scenes(number: int, fraction: float) -> NDArray[np.bool_]:
-    """Which of the scenes 0 to number - 1 are held out: by a hash of the index, so more scenes move none."""
+def held_out_scenes(scenes: Sequence[Scene], fraction: float) -> NDArray[np.bool_]:
+    """Which scenes (S,) are held out: by a hash of each, so what stands beside it does not matter."""
     if not 0 <= fraction < 1:
         raise DvrError(f"the held-out fraction is {fraction}; valid is from 0 to below 1.")
-    hashes = [int.from_bytes(hashlib.sha256(f"scene {i}".encode()).digest()[:4]) for i in range(number)]
+    hashes = [int.from_bytes(hashlib.sha256(scene_to_json(scene).encode()).digest()[:4]) for scene in scenes]
     return np.array(hashes, np.int64) < fraction * 2**32
 
 
@@ -219,7 +220,7 @@ class Draws:
         length = np.asarray(examples.length)
         if kind == "classifier":
             ones = np.where(examples.feasible, length, 0).astype(float)
-            steps = np.where(examples.feasible, length, 1).astype(float)
+            steps = (length - np.maximum(np.asarray(examples.refuted_after) - 1, 0)).astype(float)
         else:
             ones = np.asarray(examples.targets).sum(axis=1, dtype=float)
             steps = np.asarray(examples.known).sum(axis=1, dtype=float)
@@ -277,9 +278,8 @@ def assemble_batch(
     image_view, image_tuple = np.divmod(distinct, count)
     symbol, normal = table.symbol[scene[:, None], actions], table.normal[scene[:, None], actions]
     if kind == "classifier":
-        # All prefixes of a feasible sequence are feasible; of an infeasible one only the whole is known to be not.
         target = np.broadcast_to(np.asarray(examples.feasible)[rows][:, None], actions.shape)
-        mask = (steps == length - 1) | (target & inside)
+        mask = inside & (steps >= np.asarray(examples.refuted_after)[rows][:, None] - 1)
     else:
         mask, target = np.asarray(examples.known)[rows], np.asarray(examples.targets)[rows]
     return Batch(

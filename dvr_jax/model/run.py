@@ -150,7 +150,7 @@ def prepare(options: TrainOptions, examples: Examples, held_out: Examples | None
     rows = np.arange(len(examples.scene))
     validation_rows = rows[:0]
     if held_out is None:
-        aside = held_out_scenes(len(examples.scenes), options.held_out)[examples.scene]
+        aside = held_out_scenes(examples.scenes, options.held_out)[examples.scene]
         rows, validation_rows = rows[~aside], rows[aside]
         if not len(rows):
             raise DvrError(f"all {len(examples.scenes)} scenes are held out; give more scenes or a smaller --held-out.")

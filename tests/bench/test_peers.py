@@ -99,7 +99,7 @@ def test_without_robotic_a_sentence_says_how_to_get_it(monkeypatch: pytest.Monke
         raise ImportError(f"No module named '{name}'")
 
     monkeypatch.setattr(importlib, "import_module", fail)
-    with pytest.raises(DvrError, match=r"dvr_jax\[peers\].*liblapack3"):
+    with pytest.raises(DvrError, match=r"\.\[peers\].*liblapack3"):
         load_robotic.__wrapped__()
 
 

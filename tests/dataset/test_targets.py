@@ -53,7 +53,7 @@ REACHING = [s for length in (2, 3, 4) for s in enumerate_sequences(SYMBOLS.groun
 
 @settings(deadline=None, max_examples=30)
 @given(st.integers(0, 10**6), st.sampled_from([0.1, 0.7, 0.95, 1.0]))
-def test_what_is_known_of_a_prefix_follows_from_all_sequences_up_to_the_shortest_solution(
+def test_what_is_known_of_a_prefix_follows_from_all_sequences_up_to_the_longest_solution(
     seed: int, labelled: float
 ) -> None:
     generator = np.random.default_rng(seed)
@@ -62,7 +62,7 @@ def test_what_is_known_of_a_prefix_follows_from_all_sequences_up_to_the_shortest
     left = [s for s in REACHING if not any(s[:length] in refuted for length in range(len(s)))]
     good = {s for s in left if len(s) >= 3 and generator.random() < 0.02}
     bad = {s for s in left if s not in good and generator.random() < labelled}
-    shortest = min(map(len, good), default=0)
+    longest = max(map(len, good), default=0)
     verdicts = Verdicts(SYMBOLS, good, bad, refuted)
 
     def is_bad(sequence: tuple[int, ...]) -> bool:
@@ -72,7 +72,7 @@ def test_what_is_known_of_a_prefix_follows_from_all_sequences_up_to_the_shortest
         expected = []
         for length in range(1, len(sequence) + 1):
             prefix = sequence[:length]
-            begun = [s for s in REACHING if len(s) <= shortest and s[:length] == prefix]
+            begun = [s for s in REACHING if len(s) <= longest and s[:length] == prefix]
             promising = any(s[:length] == prefix for s in good)
             expected.append(promising or is_bad(prefix) or all(map(is_bad, begun)))
         assert verdicts.known_steps(sequence) == expected

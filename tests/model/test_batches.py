@@ -23,6 +23,7 @@ from dvr_jax.model.batches import (
 from dvr_jax.model.encoding import SYMBOLS, TURNED, direction
 from dvr_jax.model.export import Kind
 from dvr_jax.model.images import scene_images, stack_images
+from dvr_jax.scene.sampling import sample_scenes
 
 ONE, TWO = sided_examples(2, 1, objects=1, longest=3), sided_examples(3, 2, objects=2, longest=3)
 MIXED = Examples(
@@ -86,12 +87,14 @@ def test_turned_scenes_are_turned_views_with_turned_symbols() -> None:
     np.testing.assert_array_equal(draw_turned(48, 0, 7), draw_turned(48, 0, 7))
 
 
-def test_classifier_learns_the_verdict_at_the_last_step_and_that_prefixes_of_feasible_ones_are() -> None:
+def test_classifier_learns_that_prefixes_of_feasible_sequences_are_and_refuted_ones_are_not() -> None:
     rows = np.arange(0, len(MIXED.scene), 7)
-    batch = assemble_batch(MIXED, TABLE, rows, "classifier")
-    last = np.arange(3) == MIXED.length[rows, None] - 1
-    before = (np.arange(3) < MIXED.length[rows, None]) & MIXED.feasible[rows, None]
-    np.testing.assert_array_equal(batch.mask, last | before)
+    refuted = np.where(MIXED.feasible, 0, 1 + np.arange(len(MIXED.scene)) % MIXED.length)
+    batch = assemble_batch(MIXED._replace(refuted_after=refuted), TABLE, rows, "classifier")
+    for row, mask in zip(rows, batch.mask, strict=True):
+        length, first = MIXED.length[row], 0 if MIXED.feasible[row] else refuted[row] - 1
+        np.testing.assert_array_equal(np.flatnonzero(mask), np.arange(first, length))
+    assert (batch.mask.sum(axis=1) < MIXED.length[rows]).any()
     np.testing.assert_array_equal(batch.target.max(axis=1) > 0, MIXED.feasible[rows])
 
 
@@ -151,17 +154,19 @@ def test_share_of_ones_is_what_batches_hold_on_average(kind: Kind, least_feasibl
     """Scenes without solutions, which draws with feasible sequences hold less often, have more and longer rows."""
     rows = without_solutions((2, 3, 4))
     draws = Draws.of(MIXED, rows[~((MIXED.scene[rows] < 2) & (MIXED.length[rows] > 2))], 2, 48, least_feasible)
-    batches = [assemble_batch(MIXED, TABLE, draws.draw(0, step), kind) for step in range(1_000)]
+    examples = MIXED._replace(refuted_after=np.minimum(MIXED.refuted_after, 2))
+    batches = [assemble_batch(examples, TABLE, draws.draw(0, step), kind) for step in range(1_000)]
     share = sum(batch.target.sum() for batch in batches) / sum(batch.mask.sum() for batch in batches)
-    assert abs(share - draws.share_of_ones(MIXED, kind)) < 0.01
+    assert abs(share - draws.share_of_ones(examples, kind)) < 0.01
 
 
 def test_held_out_scenes_stay_when_scenes_are_added() -> None:
-    few, many = held_out_scenes(1_000, 0.1), held_out_scenes(5_000, 0.1)
-    np.testing.assert_array_equal(few, many[:1_000])
-    assert 400 < many.sum() < 600 and not held_out_scenes(100, 0.0).any()
+    scenes = list(sample_scenes(1_000, 1, 0))
+    few, many = held_out_scenes(scenes[::3], 0.1), held_out_scenes(scenes, 0.1)
+    np.testing.assert_array_equal(few, many[::3])
+    assert 70 < many.sum() < 130 and not held_out_scenes(scenes, 0.0).any()
     with pytest.raises(DvrError, match=r"fraction is 1\.5"):
-        held_out_scenes(10, 1.5)
+        held_out_scenes(scenes, 1.5)
 
 
 @pytest.mark.parametrize(
