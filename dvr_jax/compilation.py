@@ -6,7 +6,7 @@ import hashlib
 import os
 import pickle
 import platform
-import tempfile
+import shutil
 from collections import defaultdict
 from collections.abc import Callable
 from functools import lru_cache
@@ -20,6 +20,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.experimental import serialize_executable
 
+from dvr_jax.files import write_whole
+
 CPU_OPTIONS: dict[str, Any] = {
     "xla_cpu_multi_thread_eigen": False,
     "xla_cpu_use_fusion_emitters": False,
@@ -32,6 +34,12 @@ fast (`measure`: 5.2 s and 2.8 s) to code of the same speed; and barriers must s
 
 SWITCH = "DVR_JAX_CACHE"
 """Environment variable: a folder for compiled programs in place of the default one, or "off"."""
+
+KEPT = 8
+"""Folders of executables that are kept, each of one state of the sources and the machine; the oldest ones go."""
+
+DEPENDENCIES = ("jax", "jaxlib", "flax", "mujoco", "numpy")
+"""Packages whose versions an executable depends on."""
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -50,8 +58,9 @@ class Program(Generic[_P, _R]):
     """A function that is compiled once for all shapes of its arguments, on this machine and for good.
 
     JAX's own persistent cache still traces and lowers a function before it can look it up, which takes longer here
-    than all the rest of a plan; this one keeps executables under the shapes and the package's sources. Called under
-    another transformation it is the plain function."""
+    than all the rest of a plan; this one keeps executables under the shapes and the package's sources. Only functions
+    of this package's modules are kept: nothing else tells one lambda or closure, or another program's, from the next.
+    Called under another transformation it is the plain function."""
 
     def __init__(self, function: Callable[_P, _R]) -> None:
         """A program of a function of positional arguments only, all of them trees of arrays."""
@@ -81,22 +90,21 @@ class Program(Generic[_P, _R]):
         return jax.jit(self._function, compiler_options=options).lower(*args).compile()
 
     def _load_or_compile(self, key: tuple[Any, ...], args: tuple[Any, ...]) -> Callable[..., _R]:
-        folder = cache_folder()
-        if folder is None:
+        cache, name = cache_folder(), f"{self._function.__module__}.{self._function.__qualname__}"
+        if cache is None or not name.startswith(f"{__package__}.") or "<" in name:
             return self._compile(args)
-        name = f"{self._function.__module__}.{self._function.__qualname__}"
-        digest = hashlib.sha256(
-            repr((name, key, jax.config.values["jax_enable_x64"], _surroundings())).encode()
-        ).hexdigest()
-        path = folder / f"{name}-{digest[:32]}.executable"
+        digest = hashlib.sha256(repr((name, key, jax.config.values["jax_enable_x64"])).encode()).hexdigest()
+        path = cache / _surroundings() / f"{name}-{digest[:32]}.executable"
         _register_linear_algebra()
         try:
-            return serialize_executable.deserialize_and_load(*pickle.loads(path.read_bytes()))
+            kept = pickle.loads(path.read_bytes())
+            return serialize_executable.deserialize_and_load(*kept, execution_devices=jax.devices()[:1])
         except Exception:
             pass  # Absent, cut short, or of another jaxlib: whatever it is, it is of no use.
         compiled = self._compile(args)
-        # What JAX's own cache gives back cannot be serialised again: the copy lacks its functions.
-        if jax.config.values["jax_compilation_cache_dir"] is None:
+        # What JAX's own cache gives back cannot be serialised again: the copy lacks its functions. Sources that were
+        # edited since this process read them are not those of the executable.
+        if jax.config.values["jax_compilation_cache_dir"] is None and _hash_sources() == _SOURCES:
             _write(path, pickle.dumps(serialize_executable.serialize(compiled)))
         return compiled
 
@@ -104,12 +112,33 @@ class Program(Generic[_P, _R]):
 def _write(path: Path, content: bytes) -> None:
     """Whole or not at all; a cache that cannot be written is none."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
-            file.write(content)
-        os.replace(file.name, path)
+        if not path.parent.is_dir():
+            path.parent.mkdir(parents=True)
+            _remove_oldest(path.parents[1])
+        write_whole(path, content)
     except OSError:
         pass
+
+
+def _remove_oldest(cache: Path) -> None:
+    """Keep the folders that were written last."""
+    folders = [path for path in cache.iterdir() if path.is_dir() and path.name.startswith(_PREFIX)]
+    for folder in sorted(folders, key=lambda path: path.stat().st_mtime)[:-KEPT]:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _hash_sources() -> str:
+    """Hash of the package's files that programs come of."""
+    package, digest = Path(__file__).parent, hashlib.sha256()
+    for path in sorted([*package.rglob("*.py"), *package.rglob("*.xml")]):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+_SOURCES = _hash_sources()
+"""Taken now, with the package's modules just read, and not when the first program is called."""
+
+_PREFIX = "programs-"
 
 
 @lru_cache(maxsize=1)
@@ -125,17 +154,15 @@ def _register_linear_algebra() -> None:
 
 @lru_cache(maxsize=1)
 def _surroundings() -> str:
-    """What an executable depends on besides its function's arguments: sources, libraries, device."""
-    package = Path(__file__).parent
-    sources = hashlib.sha256()
-    for path in sorted([*package.rglob("*.py"), *package.rglob("*.xml")]):
-        sources.update(path.read_bytes())
+    """Name of the folder of what an executable depends on besides its function: sources, libraries, devices."""
     processor = Path("/proc/cpuinfo")
     flags = (
         next((line for line in processor.read_text().splitlines() if line.startswith(("flags", "Features"))), "")
         if processor.exists()
         else platform.processor()
     )
-    device = jax.devices()[0]
-    versions = [version(name) for name in ("jax", "jaxlib", "mujoco")]
-    return repr((sources.hexdigest(), versions, device.platform, device.device_kind, platform.machine(), flags))
+    devices = [(device.platform, device.device_kind) for device in jax.devices()]
+    versions = [version(name) for name in DEPENDENCIES]
+    settings = os.environ.get("XLA_FLAGS", "")
+    everything = repr((_SOURCES, versions, devices, settings, platform.machine(), flags))
+    return _PREFIX + hashlib.sha256(everything.encode()).hexdigest()[:16]

@@ -14,6 +14,7 @@ from typing import Any
 
 from dvr_jax import __version__
 from dvr_jax.errors import DvrError
+from dvr_jax.files import write_whole
 
 
 def describe_machine() -> dict[str, Any]:
@@ -47,7 +48,7 @@ class Ledger:
             path.parent.mkdir(parents=True, exist_ok=True)
             whole = [json.dumps({"options": plain, **describe_machine()}) + "\n"]
         if "".join(whole) != text:
-            path.write_text("".join(whole), encoding="utf-8")
+            write_whole(path, "".join(whole).encode())
         try:
             header, *rows = map(json.loads, whole)
             self.rows = {int(row[of]): row for row in rows}

@@ -30,11 +30,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from dvr_jax.dataset.files import write_whole
 from dvr_jax.dataset.footer import Footer, ShardInfo, decode_footer, make_footer, require_agreement
 from dvr_jax.dataset.labels import Label, same_label, sort_labels, validate_labels
 from dvr_jax.dataset.symbols import scene_symbols
 from dvr_jax.errors import DvrError
+from dvr_jax.files import write_whole
 from dvr_jax.scene.scene import scene_from_json, scene_to_json
 from dvr_jax.scene.types import Scene
 

@@ -5,9 +5,8 @@ culprit's name."""
 
 from __future__ import annotations
 
+import io
 import json
-import os
-import tempfile
 import zipfile
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -18,6 +17,7 @@ import numpy as np
 from flax import traverse_util
 
 from dvr_jax.errors import DvrError
+from dvr_jax.files import write_whole
 from dvr_jax.model.encoding import input_signature
 from dvr_jax.model.network import NetworkConfig, Weights, parameter_shapes
 
@@ -85,10 +85,9 @@ def export_weights(path: Path, weights: Weights, header: Header) -> None:
     arrays: dict[str, Any] = {name: np.asarray(value) for name, value in _flatten(weights.parameters, "/").items()}
     arrays[_HEADER] = np.array(json.dumps(header.to_json()))
     path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".npz", delete=False) as file:
-        np.savez(file, **arrays)
-    os.chmod(file.name, 0o644)
-    os.replace(file.name, path)
+    content = io.BytesIO()
+    np.savez(content, **arrays)
+    write_whole(path, content.getvalue())
 
 
 def load_weights(path: Path) -> tuple[Weights, Header]:

@@ -9,11 +9,12 @@ from types import TracebackType
 from tensorboardX import SummaryWriter
 
 from dvr_jax.errors import DvrError
+from dvr_jax.files import write_whole
 
 TITLES = {
     "loss": "loss",
     "average_precision": "average precision of the steps",
-    "top1": "scenes solved by the greedy sequence",
+    "top1": "greedy sequence is among the known solutions",
 }
 """Figure to the title of its curves."""
 
@@ -26,7 +27,7 @@ class History:
         self.path = folder / "history.jsonl"
         self.records = [record for record in read_history(self.path) if record["step"] <= step]
         folder.mkdir(parents=True, exist_ok=True)
-        self.path.write_text("".join(json.dumps(record) + "\n" for record in self.records), encoding="utf-8")
+        write_whole(self.path, "".join(json.dumps(record) + "\n" for record in self.records).encode())
         self._events = SummaryWriter(str(folder / "events"), purge_step=step + 1 if step else None)
 
     def add(self, step: int, part: str, figures: dict[str, float]) -> None:

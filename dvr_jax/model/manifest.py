@@ -12,8 +12,8 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from dvr_jax.dataset.files import write_whole
 from dvr_jax.dataset.footer import versions
+from dvr_jax.files import write_whole
 from dvr_jax.model.export import load_weights
 from dvr_jax.model.history import read_history
 from dvr_jax.model.run import TrainingData

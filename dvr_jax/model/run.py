@@ -7,7 +7,7 @@ was killed goes on to the same result.
 from __future__ import annotations
 
 import hashlib
-import os
+import io
 import time
 import zipfile
 from collections.abc import Callable, Sequence
@@ -17,9 +17,11 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+import optax
 
 from dvr_jax.dataset import Examples
 from dvr_jax.errors import DvrError
+from dvr_jax.files import write_whole
 from dvr_jax.model.batches import (
     Draws,
     SceneTable,
@@ -196,8 +198,7 @@ def train(options: TrainOptions, data: TrainingData, network: NetworkConfig, say
             if step % options.log_every == 0:
                 mean = float(np.mean(jnp.stack(losses)))
                 speed = len(losses) / (time.monotonic() - clock)
-                if not np.isfinite(mean):
-                    raise DvrError(f"the loss is {mean} at step {step}; a smaller --learning-rate may help.")
+                _require_finite("loss", mean, step)
                 history.add(step, "train", {"loss": mean})
                 say(f"step {step:>7}  loss {mean:.4f}  {speed:.1f} steps/s")
                 losses, clock = [], time.monotonic()
@@ -207,6 +208,7 @@ def train(options: TrainOptions, data: TrainingData, network: NetworkConfig, say
                 say(f"step {step:>7}  held out: " + "  ".join(f"{name} {value:.4f}" for name, value in figures.items()))
                 clock = time.monotonic()
             if step % options.checkpoint_every == 0 or step == options.steps:
+                _require_finite("norm of the weights", float(optax.global_norm(weights.parameters)), step)
                 checkpoints.save(TrainingState(weights, optimizer, step, options.seed), header)
         records = history.records
     checkpoints.close()
@@ -214,6 +216,11 @@ def train(options: TrainOptions, data: TrainingData, network: NetworkConfig, say
     if not save_curves(options.out / "curves.png", records):
         say("no curves.png: matplotlib is not installed (pip install '.[plots]' in the repository)")
     return weights
+
+
+def _require_finite(name: str, value: float, step: int) -> None:
+    if not np.isfinite(value):
+        raise DvrError(f"the {name} is {value} at step {step}; a smaller --learning-rate may help.")
 
 
 def _all_known(examples: Examples) -> Examples:
@@ -250,9 +257,9 @@ def _table(scenes: Sequence[Scene], size: int, cache: Path, say: Say) -> SceneTa
         most = max(len(scene.objects) for scene in scenes)
         images = stack_images([scene_images(scene, size) for scene in scenes], most)
         cache.parent.mkdir(parents=True, exist_ok=True)
-        partial = cache.with_suffix(".partial.npz")
-        np.savez_compressed(partial, key=np.array(key), height=images.height, masks=images.masks)
-        os.replace(partial, cache)
+        content = io.BytesIO()
+        np.savez_compressed(content, key=np.array(key), height=images.height, masks=images.masks)
+        write_whole(cache, content.getvalue())
     return scene_table(scenes, images)
 
 
