@@ -97,8 +97,9 @@ class Program(Generic[_P, _R]):
         path = cache / _surroundings() / f"{name}-{digest[:32]}.executable"
         _register_linear_algebra()
         try:
-            kept = pickle.loads(path.read_bytes())
-            return serialize_executable.deserialize_and_load(*kept, execution_devices=jax.devices()[:1])
+            program, inputs, outputs = pickle.loads(path.read_bytes())
+            device = jax.devices()[:1]
+            return serialize_executable.deserialize_and_load(program, inputs, outputs, execution_devices=device)
         except Exception:
             pass  # Absent, cut short, or of another jaxlib: whatever it is, it is of no use.
         compiled = self._compile(args)

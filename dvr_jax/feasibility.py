@@ -15,12 +15,14 @@ for verdict in feasibility(scene, handovers):
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import jax
 
+from dvr_jax.check.motion import Motion
 from dvr_jax.check.replay import check_motion
+from dvr_jax.errors import DvrError
 from dvr_jax.komo.engine import Solved
 from dvr_jax.komo.interpolation import interpolate
 from dvr_jax.logic import Action, SymbolicError
@@ -43,6 +45,8 @@ class Verdict:
     "sequence", "path" or "check"; "" if feasible."""
     violation: float
     """Largest violation as a multiple of its tolerance; NaN where no NLP was solved."""
+    motion: Motion | None = field(default=None, compare=False, repr=False)
+    """What the check accepted, if the sequence is feasible."""
 
     def __str__(self) -> str:
         words = "feasible" if self.feasible else f"infeasible by the {self.bound} bound"
@@ -56,7 +60,8 @@ def feasibility(scene: Scene, sequences: Sequence[Sequence[Action | str]], seed:
         scene: a valid scene.
         sequences: of actions, or of their names as in "grasp(left, +x, yellow)"; each reaches the goal with its last
         action and not before.
-        seed: of all sampling; the same seed gives the same verdicts, whatever else is asked for with them.
+        seed: of all sampling; the same seed and sequences give the same verdicts. (What proves one feasible may prove a
+        relaxation of another: together, more may be found feasible than one by one.)
 
     Raises:
         SymbolicError: a sequence that the logic does not allow.
@@ -68,6 +73,8 @@ def feasibility(scene: Scene, sequences: Sequence[Sequence[Action | str]], seed:
 def judge(scene: Scene, sequences: Sequence[Sequence[Action | str]], seed: int = 0) -> Steps[list[Verdict]]:
     """The same as a computation that `dvr_jax.search.work.run_together` runs side by side with those of other
     scenes."""
+    if seed < 0:
+        raise DvrError(f"the seed is {seed}; valid is a whole number from 0.")
     parsed = [
         tuple(Action.parse(action) if isinstance(action, str) else action for action in sequence)
         for sequence in sequences
@@ -83,25 +90,36 @@ def judge(scene: Scene, sequences: Sequence[Sequence[Action | str]], seed: int =
             prefix = actions[:depth]
             if prefix not in nodes:
                 nodes[prefix] = Node(prefix, states[depth], nodes[prefix[:-1]], reaches_goal=depth == len(actions))
-    run = Run(tree, lambda node, path: passes_check(scene, node, path), lambda line: None)
+    motions: dict[Node, Motion] = {}
+
+    def accept(node: Node, path: Solved) -> bool:
+        motions[node] = motion_of(scene, node, path)
+        return check_motion(scene, node.actions, motions[node]).passed
+
+    run = Run(tree, accept, lambda line: None)
     leaves = [nodes[actions] for actions in dict.fromkeys(parsed)]
     possible = [leaf for leaf in leaves if not tree.refute_by_constants(leaf)]
     for leaf in (yield from run.judge_leaves(possible)):
         yield from run.try_path(leaf)
-    return [_verdict(nodes[actions]) for actions in parsed]
+    return [_verdict(nodes[actions], motions) for actions in parsed]
 
 
-def _verdict(leaf: Node) -> Verdict:
+def _verdict(leaf: Node, motions: Mapping[Node, Motion]) -> Verdict:
     # A refuted prefix refutes what goes on from it.
     culprit: Node | None = leaf
     while culprit is not None and not culprit.refuted_by:
         culprit = culprit.parent
     if culprit is None:
-        return Verdict(leaf.actions, bool(leaf.solved), "", leaf.violation)
+        return Verdict(leaf.actions, bool(leaf.solved), "", leaf.violation, motions.get(leaf))
     return Verdict(leaf.actions, False, culprit.refuted_by, culprit.violation)
 
 
 def passes_check(scene: Scene, node: Node, path: Solved) -> bool:
     """Whether the independent check accepts a path."""
+    return check_motion(scene, node.actions, motion_of(scene, node, path)).passed
+
+
+def motion_of(scene: Scene, node: Node, path: Solved) -> Motion:
+    """The motion of a path, at the rate of the check."""
     assert node.problem is not None
-    return check_motion(scene, node.actions, interpolate(scene, node.problem, path.q, path.m)).passed
+    return interpolate(scene, node.problem, path.q, path.m)

@@ -19,8 +19,8 @@ from dvr_jax.check import CheckReport
 from dvr_jax.check.motion import Motion
 from dvr_jax.check.replay import check_motion
 from dvr_jax.errors import DvrError
+from dvr_jax.feasibility import motion_of
 from dvr_jax.komo.engine import Solved
-from dvr_jax.komo.interpolation import interpolate
 from dvr_jax.logic import Action, describe
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.reasoning import Network
@@ -92,6 +92,8 @@ def plan(
     """
     if k_max < 1:
         raise DvrError(f"k_max is {k_max}; valid is a whole number from 1.")
+    if seed < 0:
+        raise DvrError(f"the seed is {seed}; valid is a whole number from 0.")
     if not time_limit > 0:
         raise DvrError(f"the time limit is {time_limit} s; valid is a positive number.")
     if network is None and search in GUIDED:
@@ -99,6 +101,9 @@ def plan(
         from dvr_jax.model.predictor import load_network
 
         network = load_network(search)
+    kind = getattr(network, "kind", search)
+    if kind != search:
+        raise DvrError(f"the network is of the kind '{kind}'; the search '{search}' needs one of its own kind.")
     begin = time.monotonic()
     # Tolerances of a micrometre need double precision. Set here and not on import, which must not change other users'
     # programs.
@@ -110,8 +115,7 @@ def plan(
         def accept(node: Node, path: Solved) -> bool:
             nonlocal check_seconds, rejected
             start = time.monotonic()
-            assert node.problem is not None
-            motion = interpolate(scene, node.problem, path.q, path.m)
+            motion = motion_of(scene, node, path)
             report = check_motion(scene, node.actions, motion)
             check_seconds += time.monotonic() - start
             if report.passed:

@@ -4,7 +4,9 @@ import math
 
 import pytest
 
+from dvr_jax.check.replay import check_motion
 from dvr_jax.dataset.labelling import LabelOptions
+from dvr_jax.errors import DvrError
 from dvr_jax.feasibility import feasibility
 from dvr_jax.logic import ARMS, Action, SymbolicError, enumerate_sequences, ground_actions
 from dvr_jax.scene.types import Goal, Region, Scene, SceneObject
@@ -32,6 +34,9 @@ def test_verdicts_are_those_of_a_sweep() -> None:
     assert all(verdict.bound == "symbolic" for actions, verdict in verdicts.items() if "y" in actions[0].arguments[1])
     feasible = [verdict for verdict in verdicts.values() if verdict.feasible]
     assert feasible and all(verdict.violation <= 1 for verdict in feasible)
+    for verdict in verdicts.values():
+        assert (verdict.motion is not None) == verdict.feasible
+        assert verdict.motion is None or check_motion(SCENE, verdict.actions, verdict.motion).passed
 
 
 def test_a_verdict_does_not_depend_on_what_else_is_asked() -> None:
@@ -46,6 +51,11 @@ def test_a_verdict_does_not_depend_on_what_else_is_asked() -> None:
 
 def test_nothing_asked_is_nothing_said() -> None:
     assert feasibility(SCENE, []) == []
+
+
+def test_a_negative_seed_is_refused() -> None:
+    with pytest.raises(DvrError, match="seed is -1"):
+        feasibility(SCENE, [], seed=-1)
 
 
 @pytest.mark.parametrize(

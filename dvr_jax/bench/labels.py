@@ -1,7 +1,9 @@
 """Labels of a sweep against an oracle of 64 random starts: are infeasible rows infeasible, and feasible ones feasible?
 
-An infeasible row is confirmed if no start finds feasible keyframes or, where keyframes exist, no start finds a path; a
-feasible one if some start finds both."""
+A row is confirmed if the oracle, under the bounds that the label speaks of, comes to the same verdict: of a row that
+the pose or the sequence bound refutes, no start finds feasible keyframes of the prefix (of the whole scene; the pose
+bound asks less and refutes more surely); of one that is feasible, or refuted by its path or the check, the oracle looks
+for a path too that the check accepts."""
 
 from __future__ import annotations
 
@@ -20,9 +22,13 @@ import tyro
 
 from dvr_jax.bench.ledger import Ledger
 from dvr_jax.bench.recall import oracle_keyframes, oracle_path
+from dvr_jax.check.replay import check_motion
 from dvr_jax.dataset.examples import find_shards
 from dvr_jax.dataset.labels import Label
 from dvr_jax.dataset.shards import read_shard
+from dvr_jax.errors import DvrError
+from dvr_jax.komo.engine import Solved
+from dvr_jax.komo.interpolation import interpolate
 from dvr_jax.komo.transcription import transcribe
 from dvr_jax.logic import Action
 from dvr_jax.processes import worker_processes
@@ -50,7 +56,14 @@ def oracle_verdict(scene: Scene, label: Label, generator: np.random.Generator) -
     actions = [Action.parse(text) for text in label.actions]
     needs_path = label.feasible or label.bound in ("path", "check")
     found = oracle_keyframes(scene, actions, generator, enough=8 if needs_path else 1)
-    return bool(found) and (not needs_path or oracle_path(transcribe(scene, actions), found, generator))
+    if not (found and needs_path):
+        return bool(found)
+    problem = transcribe(scene, actions)
+
+    def accept(path: Solved) -> bool:
+        return check_motion(scene, actions, interpolate(scene, problem, path.q, path.m)).passed
+
+    return oracle_path(problem, found, generator, accept)
 
 
 def draw_labels(options: LabelsOptions) -> list[tuple[Scene, Label]]:
@@ -81,6 +94,8 @@ def _judge(seed: int, number: int, scene: Scene, label: Label) -> dict[str, obje
 def run(arguments: list[str]) -> int:
     """Print the confirmed share by verdict and bound."""
     options = tyro.cli(LabelsOptions, prog="python -m dvr_jax.bench labels", args=arguments)
+    if options.labels < 1 or options.workers < 1 or options.seed < 0:
+        raise DvrError("--labels and --workers are 1 or more, --seed is 0 or more.")
     drawn = draw_labels(options)
     checksum = hashlib.sha256(repr([label for _, label in drawn]).encode()).hexdigest()[:16]
     ledger = Ledger(options.out, {"labels": options.labels, "seed": options.seed, "drawn": checksum}, of="label")

@@ -11,9 +11,11 @@ import os
 import sys
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import as_completed
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -23,6 +25,7 @@ from numpy.typing import NDArray
 
 from dvr_jax.errors import DvrError
 from dvr_jax.feasibility import passes_check
+from dvr_jax.files import write_whole
 from dvr_jax.komo.augmented import Settings
 from dvr_jax.komo.engine import Solved, path_problem, path_start, solve
 from dvr_jax.komo.problem import Problem, Variables
@@ -95,9 +98,14 @@ def oracle_keyframes(
     return found
 
 
-def oracle_path(problem: Problem, keyframes: Sequence[Solved], generator: np.random.Generator) -> bool:
+def oracle_path(
+    problem: Problem,
+    keyframes: Sequence[Solved],
+    generator: np.random.Generator,
+    accept: Callable[[Solved], bool] = lambda path: True,
+) -> bool:
     """Whether any of many paths through feasible keyframes, each with a random detour in every phase, can be made
-    feasible."""
+    feasible, and is accepted."""
     for number in range(STARTS):
         chosen = keyframes[number % len(keyframes)]
         start = path_start(problem, Variables(jnp.asarray(chosen.q), jnp.asarray(chosen.m)))
@@ -105,7 +113,8 @@ def oracle_path(problem: Problem, keyframes: Sequence[Solved], generator: np.ran
         tau = (np.arange(T) % (T // K) + 1) / (T // K)
         bump = np.repeat(generator.normal(size=(K, 14)) * BUMP * (number >= len(keyframes)), T // K, axis=0)
         start = start._replace(q=start.q + bump * np.sin(np.pi * tau)[:, None] ** 2)
-        if solve([path_problem(problem, start)], [start], ORACLE)[0].feasible:
+        (path,) = solve([path_problem(problem, start)], [start], ORACLE)
+        if path.feasible and accept(path):
             return True
     return False
 
@@ -144,13 +153,6 @@ def draw_keyframe_problem(seed: int, index: int, length: int) -> dict[str, objec
                 actions, state = [*actions, step[0]], step[1]
 
 
-def _leads_to_goal(grounding: Grounding, left: int, state: int) -> bool:
-    """Whether the goal is reached in a state just when no action is left."""
-    if left == 0:
-        return grounding.is_goal(state)
-    return not grounding.is_goal(state) and grounding.can_reach_goal(state, left)
-
-
 def draw_path_problem(seed: int, index: int, length: int) -> dict[str, object]:
     """A sequence that reaches the goal and has feasible keyframes, with the oracle's verdict on its path."""
     generator = np.random.default_rng([seed, 1, index])
@@ -162,8 +164,7 @@ def draw_path_problem(seed: int, index: int, length: int) -> dict[str, object]:
         while tries < TRIES and len(actions) < length:
             tries += 1
             left = length - len(actions) - 1
-
-            keep = partial(_leads_to_goal, grounding, left)
+            keep = partial(grounding.reaches_goal_in, length=left)
             step = random_extension(grounding, scene, state, keep, generator)
             if step is None:
                 break
@@ -211,13 +212,16 @@ def run_oracle(arguments: list[str]) -> int:
     """Draw the problem set."""
     options = tyro.cli(OracleOptions, prog="python -m dvr_jax.bench oracle", args=arguments)
     options.out.parent.mkdir(parents=True, exist_ok=True)
-    lines = options.out.read_text(encoding="utf-8").splitlines() if options.out.exists() else []
-    done = {(row["kind"], row["index"]) for row in map(json.loads, lines)}
+    rows = _read_rows(options.out) if options.out.exists() else []
+    done = {(row["kind"], row["index"]) for row in rows}
+    write_whole(options.out, "".join(json.dumps(row) + "\n" for row in rows).encode())
     jobs = [("keyframes", index, 1 + index % 6) for index in range(options.keyframes)]
     jobs += [("path", index, 2 + index % 5) for index in range(options.paths)]
     todo = [job for job in jobs if job[:2] not in done]
     with options.out.open("a", encoding="utf-8") as file, worker_processes(options.workers) as pool:
-        for row in pool.map(partial(_draw_problem, options.seed), *zip(*todo, strict=True)) if todo else ():
+        draw = partial(_draw_problem, options.seed)
+        for future in as_completed([pool.submit(draw, *job) for job in todo]):
+            row = future.result()
             file.write(json.dumps(row) + "\n")
             file.flush()
             verdict = "feasible" if row["feasible"] else "infeasible"
@@ -233,12 +237,21 @@ class RecallOptions:
     """What `python -m dvr_jax.bench oracle` wrote."""
 
 
-def read_problems(path: Path) -> Iterator[tuple[Scene, list[Action], dict[str, object]]]:
-    """Scene, actions and row of each problem."""
+def _read_rows(path: Path) -> list[dict[str, Any]]:
+    """Rows by kind and index; a last line that was cut short is dropped."""
+    text = path.read_text(encoding="utf-8")
+    try:
+        rows = [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines()]
+        return sorted(rows, key=lambda row: (row["kind"], row["index"]))
+    except (ValueError, LookupError, TypeError) as error:
+        raise DvrError(f"{path} holds no problems ({error}); valid is what bench oracle writes.") from None
+
+
+def read_problems(path: Path) -> Iterator[tuple[Scene, list[Action], dict[str, Any]]]:
+    """Scene, actions and row of each problem, in a fixed order."""
     if not path.exists():
         raise DvrError(f"there is no file {path}; the repository has it, seen from its root.")
-    for line in path.read_text(encoding="utf-8").splitlines():
-        row = json.loads(line)
+    for row in _read_rows(path):
         actions = [Action(operator, tuple(arguments)) for operator, *arguments in row["actions"]]
         yield scene_from_json(json.dumps(row["scene"])), actions, row
 
@@ -286,7 +299,7 @@ def run(arguments: list[str]) -> int:
         if ours != row["feasible"]:
             words = " ".join(map(str, actions))
             print(f"  {row['kind']} {number}: oracle {row['feasible']}, ours {ours}: {words}", file=sys.stderr)
-        table[str(row["kind"]), int(row["length"])].append((bool(row["feasible"]), ours))  # type: ignore[call-overload]
+        table[str(row["kind"]), int(row["length"])].append((bool(row["feasible"]), ours))
     print("            problems   feasible: oracle   ours   both   recall   found by ours alone")
     for kind in ("keyframes", "path"):
         of_kind = {length: pairs for (k, length), pairs in table.items() if k == kind}

@@ -24,6 +24,7 @@ from dvr_jax.planner import plan
 from dvr_jax.processes import worker_processes
 from dvr_jax.scene.sampling import SceneDistribution, ShapeChoice, sample_scenes
 from dvr_jax.scene.types import Scene
+from dvr_jax.scene.workspace import MAXIMUM_OBJECTS
 from dvr_jax.search.run import EXHAUSTED
 from dvr_jax.search.searches import GUIDED, SEARCHES
 from dvr_jax.search.warm import warm_up
@@ -53,6 +54,22 @@ class ScenesOptions:
     """Processes, one scene each at a time."""
     out: Path | None = None
     """JSON Lines file of results; scenes that it already has are not planned again."""
+
+    def check(self) -> None:
+        """Refuse values that make no sense."""
+        for name in ("number", "objects", "k_max", "workers"):
+            if getattr(self, name) < 1:
+                raise DvrError(f"--{name.replace('_', '-')} is {getattr(self, name)}; valid is 1 or more.")
+        if self.objects > MAXIMUM_OBJECTS:
+            raise DvrError(f"--objects is {self.objects}; valid are 1 to {MAXIMUM_OBJECTS}.")
+        if self.seed < 0:
+            raise DvrError(f"--seed is {self.seed}; valid is 0 or more.")
+        if not self.time_limit > 0:
+            raise DvrError(f"--time-limit is {self.time_limit}; valid is a positive number.")
+        if self.search not in SEARCHES:
+            raise DvrError(f"there is no search '{self.search}'; valid: {', '.join(SEARCHES)}.")
+        if self.search not in GUIDED and self.network is not None:
+            raise DvrError(f"--search {self.search} takes no --network; valid with one: {', '.join(GUIDED)}.")
 
 
 def _scene(options: ScenesOptions, index: int) -> Scene:
@@ -98,8 +115,7 @@ def _header(options: ScenesOptions) -> dict[str, object]:
 
 def results(options: ScenesOptions) -> Iterator[dict[str, object]]:
     """Rows of all scenes, those first that the file has."""
-    if options.search not in SEARCHES:
-        raise DvrError(f"there is no search '{options.search}'; valid: {', '.join(SEARCHES)}.")
+    options.check()
     _network(options.search, options.network)
     ledger = Ledger(options.out, _header(options))
     todo = ledger.missing(options.number)

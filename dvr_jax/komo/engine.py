@@ -122,7 +122,7 @@ def solve(problems: Sequence[Problem], starts: Sequence[Variables], settings: Se
         return []
     T, K = len(starts[0].q), len(starts[0].m)
     is_path = T > K
-    lanes = PATH_LANES if is_path else CHUNK // K
+    lanes = PATH_LANES if is_path else max(CHUNK // K, 1)
     waiting = list(range(len(problems)))[::-1]
     results: list[Solved | None] = [None] * len(problems)
     exchanges, spent = np.zeros((2, lanes), int)

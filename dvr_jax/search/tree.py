@@ -173,11 +173,13 @@ class SequenceTree:
 
     def judge_poses(self, nodes: list[Node]) -> Steps[list[bool]]:
         """Pose bound of nodes: verdicts of their last object's own keyframes."""
-        chains = dict.fromkeys(map(self._chain, nodes))
+        # Keyframes that are known prove more than samples that miss.
+        unproved = [node for node in nodes if node.feasible is not True]
+        chains = dict.fromkeys(map(self._chain, unproved))
         for length in range(1, max((len(chain) for chain, _ in chains), default=0) + 1):
             keys = [(chain[:length], ignored) for chain, ignored in chains if len(chain) >= length]
             yield from self._judge_chains(list(dict.fromkeys(keys)))
-        for node in nodes:
+        for node in unproved:
             chain, ignored = self._chain(node)
             judged = self._poses[chain][ignored]
             if not judged.feasible:
@@ -187,7 +189,7 @@ class SequenceTree:
     def recall_pose(self, node: Node) -> bool:
         """Whether a node may go on: False, and the node refuted, if some other node's pose bound refutes it too."""
         chain, ignored = self._chain(node)
-        for length in range(1, len(chain) + 1):
+        for length in range(1, len(chain) + 1 if node.feasible is not True else 0):
             known = self._poses.get(chain[:length], {}).get(ignored)
             if known is None:
                 break
