@@ -13,6 +13,9 @@ KINDS: dict[str, tuple[str, str]] = {
     "joint limit": ("{0} is beyond its limit by {value}", "rad"),
     "finger travel": ("{0} is out of its range by {value}", "mm"),
     "joint speed": ("{0} turns at {value}", "rad/s"),
+    "joint acceleration": ("{0} speeds up or slows down by {value}", "rad/s^2"),
+    "switch speed": ("{0} turns at {value} as its gripper takes or gives", "rad/s"),
+    "finger speed": ("{0} moves at {value}", "m/s"),
     "object speed": ("{0} moves at {value}", "m/s"),
     "standing shift": ("{0} moves by {value} while no arm holds it", "mm"),
     "standing turn": ("{0} turns by {value} while no arm holds it", "rad"),
@@ -23,6 +26,7 @@ KINDS: dict[str, tuple[str, str]] = {
     "gripper centre": ("the centre of the {1} gripper is {value} outside {0} as it grasps", "mm"),
     "closing axis": ("the {1} gripper's closing axis is {value} off the normal of {0}'s face as it grasps", "rad"),
     "closing offset": ("the {1} gripper's closing axis passes {value} beside the axis of {0} as it grasps", "mm"),
+    "grip": ("the fingers of the {1} gripper, which alone holds {0}, are {value} off its sides", "mm"),
     "width": ("{0} is {value} wide where the {1} gripper grasps it", "mm"),
     "home posture": ("{0} is {value} away from its home", "rad"),
     "home finger": ("{0} is {value} away from its home", "mm"),
@@ -47,7 +51,7 @@ class Finding:
     names: tuple[str, ...]
     """What: bodies, joints, arms or a support."""
     value: float
-    """How much, in m, rad, m/s or rad/s."""
+    """How much, in m, rad, m/s, rad/s or rad/s^2."""
     limit: float
     """What would have been accepted, in the same unit."""
 
@@ -70,7 +74,7 @@ class CheckReport:
     deepest_penetration: float
     """Over all samples and all pairs that may not touch, m; zero without contact."""
     samples: int
-    """Number of states replayed."""
+    """Number of states of the motion."""
     duration: float
     """Of the motion, s."""
 

@@ -2,9 +2,13 @@
 
 The actions are walked once to know who holds what from which switch to which (`_Span`); all else is read from MuJoCo's
 own kinematics and collisions. Neither the optimiser's kinematics nor its distances are used. Metres, radians, seconds.
-An object is *held* from its grasp's switch to the sample before its release, and *stands* in all others.
+An object is *held* from its grasp's switch to the sample before its release, and *stands* in all others. Whatever
+touches, a gripper and what it holds included, may do so only to `DEEPEST_CONTACT`; where a motion passes by something
+closer than it goes in a step, the states between two samples are looked at too. There are no dynamics: no forces, no
+friction; a grasp carries because its fingers are closed.
 """
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -22,6 +26,8 @@ from dvr_jax.scene.validation import TABLE_FOOTPRINT
 from dvr_jax.scene.workspace import (
     ARM_NAMES,
     FINGER_OPEN,
+    FINGER_SPEED,
+    JOINT_ACCELERATION,
     JOINT_LOWER,
     JOINT_UPPER,
     JOINT_VELOCITY,
@@ -33,13 +39,17 @@ __all__ = ["CheckReport", "Finding", "check_motion", "describe"]
 Floats = NDArray[np.float64]
 
 DEEPEST_CONTACT = 3e-3
-"""Deepest penetration of what may not touch, m."""
+"""Deepest penetration, m."""
+STEP_LENGTH = 0.01
+"""Where two things may meet between two samples, states are looked at between which they move no more than this, m."""
 LIMIT_TOLERANCE = 1e-3
 """Largest excess over a joint limit, rad; also the largest deviation from the home posture."""
 FINGER_TOLERANCE = 1e-4
 """Largest excess of a finger's travel over 0 to FINGER_OPEN, m."""
-SPEED_MARGIN = 1.05
-"""A joint may turn this much faster than its limit: differences of samples are no exact velocities."""
+ROUNDING = 1 + 1e-6
+"""Factor of limits of speed and acceleration."""
+SWITCH_SPEED = 0.1
+"""Fastest joint of an arm that takes or gives an object, as it does, rad/s."""
 OBJECT_SPEED = 5.0
 """Fastest motion of an object, m/s: anything faster is a jump."""
 SHIFT, TURN = 1e-3, 1e-2
@@ -54,8 +64,8 @@ AXIS_OFFSET = 2e-3
 """Largest distance between the closing axis and the axis of a grasped cylinder, m."""
 SUPPORT_TOLERANCE = 2e-3
 """Largest height of a placed object above or below its support, and largest overhang, m."""
-CLOSING_SAMPLES = 10
-"""Before a grasp's switch the gripper may touch the object for so many samples: one slice of the planner."""
+GRIP_TOLERANCE = 1e-3
+"""Largest distance of a finger from the side of what it holds, m."""
 
 
 def check_motion(scene: Scene, actions: Sequence[Action], motion: Motion) -> CheckReport:
@@ -69,10 +79,12 @@ def check_motion(scene: Scene, actions: Sequence[Action], motion: Motion) -> Che
     log = FindingLog(motion.time)
     replay, deepest = _replay(scene, motion, story, log)
     _check_joints(motion, home_qpos(scene), log)
+    _check_switches(motion, story, log)
     _check_objects(scene, motion, story, replay, log)
     for span in story:
         if span.arm >= 0:
             _check_grasp(scene, span, replay, log)
+            _check_grip(scene, motion, span, _next_span(story, span), replay, log)
             if span.end > last and span.object == scene.goal_index:
                 log.add("goal held", last, (_label(scene, span.object), ARM_NAMES[span.arm]), 1.0, 0.0)
         elif span.support:
@@ -154,68 +166,118 @@ def _tell_story(scene: Scene, actions: Sequence[Action], end: int, switch: NDArr
     return tuple(sorted((*done, *now.values()), key=lambda span: (span.start, span.object)))
 
 
+def _next_span(story: tuple[_Span, ...], span: _Span) -> _Span | None:
+    """Who has the object after a span."""
+    return next((other for other in story if other.object == span.object and other.start == span.end), None)
+
+
 def _replay(scene: Scene, motion: Motion, story: tuple[_Span, ...], log: FindingLog) -> tuple[_Replay, float]:
-    """All poses, and the deepest penetration (m) of what may not touch."""
-    model = build_model(scene)
+    """All poses, and the deepest penetration (m) of anything."""
+    model = copy.copy(build_model(scene))
     data = mujoco.MjData(model)
     bodies = [model.body(object_body_name(item.name)).id for item in scene.objects]
     sites = [model.site(f"{arm}/gripper").id for arm in ARM_NAMES]
     T = len(motion.qpos)
-    labels = {body: model.body(body).name for body in range(model.nbody)}
-    labels.update({body: _label(scene, index) for index, body in enumerate(bodies)})
-    parts = ("hand", "finger_left", "finger_right")
-    grippers = {model.body(f"{arm}/{part}").id: a for a, arm in enumerate(ARM_NAMES) for part in parts}
-    grasped = _allowed_contacts(story, len(motion.time), len(scene.objects))
-
-    def may_touch(sample: int, first: int, second: int) -> bool:
-        for hand, thing in ((first, second), (second, first)):
-            if hand in grippers and thing in bodies:
-                return bool(grasped[sample, grippers[hand], bodies.index(thing)])
-        return False
-
     # The arrays stay where they are from one sample to the next; only contacts move.
-    state = (data.xpos, data.xmat, data.site_xpos, data.site_xmat)
+    state = (data.xpos, data.xmat, data.site_xpos, data.site_xmat, data.geom_xpos, data.geom_xmat)
     poses = [np.empty((T, *values.shape)) for values in state]
-    samples, depths, geoms = [np.empty(0, int)], [np.empty(0)], [np.empty((0, 2), int)]
     for sample, qpos in enumerate(motion.qpos):
         data.qpos[:] = qpos
         mujoco.mj_kinematics(model, data)
-        mujoco.mj_collision(model, data)
         for kept, values in zip(poses, state, strict=True):
             kept[sample] = values
-        if data.ncon:
-            contact = data.contact
-            samples.append(np.full(data.ncon, sample))
-            depths.append(-contact.dist)
-            geoms.append(np.array(contact.geom))
-    sample_of, depth_of = np.concatenate(samples), np.concatenate(depths)
-    touching = model.geom_bodyid[np.concatenate(geoms)]
-    deepest = 0.0
-    for contact in np.flatnonzero(depth_of > 0):
-        first, second = map(int, touching[contact])
-        sample, depth = int(sample_of[contact]), float(depth_of[contact])
-        if may_touch(sample, first, second):
-            continue
-        deepest = max(deepest, depth)
-        names = tuple(sorted((labels[first], labels[second])))
-        log.add("penetration", sample, names, depth, DEEPEST_CONTACT)
-    position, rotation, site_position, site_rotation = poses
+    position, rotation, site_position, site_rotation, geom_position, geom_rotation = poses
+    # How far any point of a geom goes in a step, at most.
+    reach = np.linalg.norm(np.diff(geom_position, axis=0), axis=-1)
+    reach += np.linalg.norm(np.diff(geom_rotation, axis=0), axis=-1) / np.sqrt(2) * model.geom_rbound
+    model.geom_margin[:] = reach.max(initial=0.0)  # which makes MuJoCo tell what is that near, too
+    contacts = _Contacts.of(model, data, motion.qpos, np.arange(T))
+    between, steps = _states_between(motion, _pieces(model, bodies, story, contacts, reach))
+    model.geom_margin[:] = 0.0
+    contacts = contacts.and_those_of(_Contacts.of(model, data, between, steps))
+
+    labels = {body: model.body(body).name for body in range(model.nbody)}
+    labels.update({body: _label(scene, index) for index, body in enumerate(bodies)})
+    for contact in np.flatnonzero(contacts.distance < -DEEPEST_CONTACT):
+        names = tuple(sorted(labels[body] for body in model.geom_bodyid[contacts.geoms[contact]].tolist()))
+        depth = -float(contacts.distance[contact])
+        log.add("penetration", int(contacts.sample[contact]), names, depth, DEEPEST_CONTACT)
     return _Replay(
         position[:, bodies],
         rotation[:, bodies].reshape(T, -1, 3, 3),
         site_position[:, sites],
         site_rotation[:, sites].reshape(T, -1, 3, 3),
-    ), deepest
+    ), max(0.0, -float(contacts.distance.min(initial=0.0)))
 
 
-def _allowed_contacts(story: tuple[_Span, ...], samples: int, objects: int) -> NDArray[np.bool_]:
-    """Whether an arm's gripper may touch an object (T, 2, N): while it holds it, shortly before, and at its release."""
-    allowed = np.zeros((samples, 2, objects), dtype=bool)
+@dataclass(frozen=True, slots=True)
+class _Contacts:
+    """C pairs of geoms that touch or are near."""
+
+    sample: NDArray[np.int64]
+    """(C,)."""
+    distance: Floats
+    """(C,), negative where they penetrate, m."""
+    geoms: NDArray[np.int32]
+    """(C, 2)."""
+
+    @staticmethod
+    def of(model: mujoco.MjModel, data: mujoco.MjData, states: Floats, samples: NDArray[np.int64]) -> "_Contacts":
+        """Of states (S, nq), told as those of samples (S,)."""
+        sample, distance, geoms = [np.empty(0, np.int64)], [np.empty(0)], [np.empty((0, 2), np.int32)]
+        for number, qpos in zip(samples, states, strict=True):
+            data.qpos[:] = qpos
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_collision(model, data)
+            if data.ncon:
+                sample.append(np.full(data.ncon, number))
+                distance.append(np.array(data.contact.dist))
+                geoms.append(np.array(data.contact.geom))
+        return _Contacts(np.concatenate(sample), np.concatenate(distance), np.concatenate(geoms))
+
+    def and_those_of(self, other: "_Contacts") -> "_Contacts":
+        """Both."""
+        return _Contacts(
+            np.concatenate([self.sample, other.sample]),
+            np.concatenate([self.distance, other.distance]),
+            np.concatenate([self.geoms, other.geoms]),
+        )
+
+
+def _pieces(
+    model: mujoco.MjModel, bodies: list[int], story: tuple[_Span, ...], contacts: _Contacts, reach: Floats
+) -> NDArray[np.int64]:
+    """Into how many pieces each step (T - 1,) is divided, so that nothing is missed between two samples; `reach`
+    (T - 1, G) is how far a geom goes in a step."""
+    steps = len(reach)
+    pieces = np.ones(steps, np.int64)
+    body = model.geom_bodyid[contacts.geoms]
+    together = np.zeros(len(body), bool)
     for span in story:
-        if span.arm < 0:
-            continue
-        allowed[max(span.start - CLOSING_SAMPLES, 0) : span.end + 1, span.arm, span.object] = True
-    return allowed
+        if span.arm >= 0:
+            hand = model.body(f"{ARM_NAMES[span.arm]}/hand").id
+            gripper = ((body == hand) | (model.body_parentid[body] == hand)).any(axis=1)
+            held = (contacts.sample >= span.start) & (contacts.sample < span.end)
+            together |= held & gripper & (body == bodies[span.object]).any(axis=1)
+    for step in (contacts.sample - 1, contacts.sample):
+        valid = (step >= 0) & (step < steps) & ~together
+        both = np.zeros(len(step))
+        both[valid] = reach[step[valid, None], contacts.geoms[valid]].sum(axis=1)
+        # Whatever is between two samples is no farther from one of them than half of the way.
+        near = valid & (both > STEP_LENGTH) & (contacts.distance < both / 2)
+        np.maximum.at(pieces, step[near], np.ceil(both[near] / STEP_LENGTH).astype(np.int64))
+    return pieces
+
+
+def _states_between(motion: Motion, pieces: NDArray[np.int64]) -> tuple[Floats, NDArray[np.int64]]:
+    """States (S, nq) that divide each step into its pieces, on straight lines, and the samples (S,) behind them."""
+    step = np.repeat(np.arange(len(pieces)), pieces - 1)
+    number = np.arange(len(step)) - np.repeat(np.cumsum(pieces - 1) - (pieces - 1), pieces - 1)
+    share = ((number + 1) / pieces[step])[:, None]
+    before, after = motion.qpos[step], motion.qpos[step + 1].copy()
+    for columns in qpos_layout((motion.qpos.shape[1] - qpos_layout(0).size) // 7).objects[:, 3:]:
+        after[:, columns] *= np.where((before[:, columns] * after[:, columns]).sum(axis=1) < 0, -1.0, 1.0)[:, None]
+    return before + share * (after - before), step + 1  # MuJoCo normalizes quaternions
 
 
 def _check_joints(motion: Motion, home: Floats, log: FindingLog) -> None:
@@ -226,13 +288,31 @@ def _check_joints(motion: Motion, home: Floats, log: FindingLog) -> None:
             names, angles = (f"{arm}/joint{j + 1}",), motion.qpos[:, index]
             excess = np.maximum(JOINT_LOWER[j] - angles, angles - JOINT_UPPER[j])
             log.add_worst("joint limit", 0, names, excess, LIMIT_TOLERANCE)
-            speeds = np.abs(np.diff(angles)) / motion.step
-            log.add_worst("joint speed", 1, names, speeds, SPEED_MARGIN * JOINT_VELOCITY[j])
+            speeds = np.diff(angles) / motion.step
+            log.add_worst("joint speed", 1, names, np.abs(speeds), ROUNDING * JOINT_VELOCITY[j])
+            # The arm rests before the motion and after it.
+            accelerations = np.abs(np.diff(speeds, prepend=0.0, append=0.0)) / motion.step
+            log.add_worst("joint acceleration", 0, names, accelerations, ROUNDING * JOINT_ACCELERATION[j])
             log.add("home posture", 0, names, float(abs(angles[0] - home[index])), LIMIT_TOLERANCE)
         for part, index in zip(("finger_left", "finger_right"), layout.fingers[a], strict=True):
             names, travel = (f"{arm}/{part}",), motion.qpos[:, index]
             log.add_worst("finger travel", 0, names, np.maximum(-travel, travel - FINGER_OPEN), FINGER_TOLERANCE)
             log.add("home finger", 0, names, float(abs(travel[0] - home[index])), SHIFT)
+            log.add_worst("finger speed", 1, names, np.abs(np.diff(travel)) / motion.step, ROUNDING * FINGER_SPEED)
+
+
+def _check_switches(motion: Motion, story: tuple[_Span, ...], log: FindingLog) -> None:
+    """That arms rest as they take or give."""
+    joints = qpos_layout(0).arm_joints
+    for span in story:
+        for arm in {
+            span.arm,
+            *(other.arm for other in story if other.object == span.object and other.end == span.start),
+        }:
+            if arm >= 0 and span.start > 0:
+                speeds = np.abs(motion.qpos[span.start] - motion.qpos[span.start - 1])[joints[arm]] / motion.step
+                names = (f"{ARM_NAMES[arm]}/joint{int(speeds.argmax()) + 1}",)
+                log.add("switch speed", span.start, names, float(speeds.max()), SWITCH_SPEED)
 
 
 def _check_objects(scene: Scene, motion: Motion, story: tuple[_Span, ...], replay: _Replay, log: FindingLog) -> None:
@@ -284,6 +364,32 @@ def _check_grasp(scene: Scene, grip: _Span, replay: _Replay, log: FindingLog) ->
     log.add("gripper centre", grip.start, names, float(np.linalg.norm(np.maximum(excess, 0.0))), CENTRE_TOLERANCE)
     log.add("closing axis", grip.start, names, float(deviation), AXIS_TOLERANCE)
     log.add("width", grip.start, names, float(width), MAXIMUM_OPENING + CENTRE_TOLERANCE)
+
+
+def _check_grip(
+    scene: Scene, motion: Motion, span: _Span, after: _Span | None, replay: _Replay, log: FindingLog
+) -> None:
+    """That fingers are closed on what they hold; at the end of a span they may open once the object stands where it
+    will, or another gripper has closed on it."""
+    within = slice(span.start, span.end)
+    loose = _looseness(scene, motion, span)[within]
+    if after is not None and after.arm >= 0:
+        excused = _looseness(scene, motion, after)[within] <= GRIP_TOLERANCE
+    elif after is not None:
+        p = replay.object_position[:, span.object]
+        excused = np.linalg.norm(p[within] - p[after.start], axis=1) <= SHIFT
+    else:
+        excused = np.zeros(len(loose), bool)
+    names = (_label(scene, span.object), ARM_NAMES[span.arm])
+    log.add_worst("grip", span.start, names, np.where(excused, 0.0, loose), GRIP_TOLERANCE)
+
+
+def _looseness(scene: Scene, motion: Motion, span: _Span) -> Floats:
+    """How far the fingers of a span's arm are from closed on its object (T,), m: the worse of both."""
+    item = scene.objects[span.object]
+    half = item.half_extents[FACES.index(span.face) % 2] if item.shape == "box" else item.half_extents[0]
+    travel = motion.qpos[:, qpos_layout(len(scene.objects)).fingers[span.arm]]
+    return np.asarray(np.abs(travel - half).max(axis=1))
 
 
 def _check_support(scene: Scene, index: int, support: str, sample: int, replay: _Replay, log: FindingLog) -> None:

@@ -37,8 +37,14 @@ JOINT_UPPER: tuple[float, ...] = (2.8973, 1.7628, 2.8973, -0.0698, 2.8973, 3.752
 JOINT_VELOCITY: tuple[float, ...] = (2.1750, 2.1750, 2.1750, 2.1750, 2.6100, 2.6100, 2.6100)
 """Joint velocity limits of a Panda (rad/s), Franka's published data."""
 
+JOINT_ACCELERATION: tuple[float, ...] = (15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0)
+"""Joint acceleration limits of a Panda (rad/s^2), Franka's published data."""
+
+FINGER_SPEED = 0.05
+"""Fastest motion of one finger (m/s), Franka's published data of its hand."""
+
 HOME_POSTURE: tuple[float, ...] = (0.0, -math.pi / 4, 0.0, -3 * math.pi / 4, 0.0, math.pi / 2, math.pi / 4)
-"""The posture in which a Panda is delivered (rad)."""
+"""The customary ready posture of a Panda (rad)."""
 
 FINGER_OPEN = 0.04
 """Largest travel of one finger (m): two of them open 8 cm."""

@@ -53,7 +53,9 @@ class Puppet:
         found = (self.solve(arm, rotation, position, start + shift) for shift in noise)
         target = next((angles for angles in found if angles is not None), None)
         assert target is not None, f"arm {arm} does not reach {position}"
-        number = max(int(np.ceil(1.9 * np.abs(target - start).max() / 1.5 / STEP)), 20)
+        way = np.abs(target - start).max()
+        # The largest speed is 1.9 ways over the duration, the largest acceleration 5.8 ways over its square.
+        number = int(np.ceil(max(1.9 * way / 1.5, np.sqrt(5.8 * way / 5.0), 20 * STEP) / STEP))
         for s in np.arange(1, number + 1) / number:
             self.qpos[index] = start + (10 * s**3 - 15 * s**4 + 6 * s**5) * (target - start)
             self.record()
@@ -81,10 +83,11 @@ class Puppet:
         return None
 
     def fingers(self, arm: int, travel: float) -> None:
-        """Open or close a gripper within ten samples."""
+        """Open or close a gripper, at 40 mm/s."""
         index = self.layout.fingers[arm]
         start = self.qpos[index].copy()
-        for s in np.arange(1, 11) / 10:
+        number = int(np.ceil(np.abs(travel - start).max() / 0.04 / STEP))
+        for s in np.arange(1, number + 1) / number:
             self.qpos[index] = start + s * (travel - start)
             self.record()
 

@@ -113,7 +113,7 @@ def held_turned(case: Case) -> Case:
 def held_slips(case: Case) -> Case:
     def change(qpos: np.ndarray) -> None:
         grasp, place = case.motion.switch
-        slip = 0.005 * np.sin(np.linspace(0.0, np.pi, place - grasp))
+        slip = 0.002 * np.sin(np.linspace(0.0, np.pi, place - grasp))
         qpos[grasp:place, YELLOW[2]] += slip
 
     return changed(case, change)
@@ -154,7 +154,7 @@ def too_wide(case: Case) -> Case:
 
 def posture_off(case: Case) -> Case:
     def change(qpos: np.ndarray) -> None:
-        qpos[0, RIGHT_JOINT_7] += 0.01
+        qpos[0, RIGHT_JOINT_7] += 0.005
 
     return changed(case, change)
 
@@ -195,7 +195,49 @@ def never_released(case: Case) -> Case:
 
 def fingers_closed_too_early(case: Case) -> Case:
     def change(qpos: np.ndarray) -> None:
-        qpos[1 : case.motion.switch[0] - 10, LAYOUT.fingers[0]] = 0.02
+        closing = np.maximum(0.04 - 0.0005 * np.arange(case.motion.switch[0] + 1), 0.02)
+        qpos[: len(closing), LAYOUT.fingers[0]] = np.minimum(closing, qpos[: len(closing), LAYOUT.fingers[0, 0]])[
+            :, None
+        ]
+        qpos[case.motion.switch[0] - 10 : case.motion.switch[0] + 1, LAYOUT.fingers[0]] = np.linspace(0.02, 0.025, 11)[
+            :, None
+        ]
+
+    return changed(case, change)
+
+
+def joint_trembles(case: Case) -> Case:
+    def change(qpos: np.ndarray) -> None:
+        qpos[1:-1:2, RIGHT_JOINT_7] += 0.02
+
+    return changed(case, change)
+
+
+def arm_moves_as_it_grasps(case: Case) -> Case:
+    def change(qpos: np.ndarray) -> None:
+        qpos[case.motion.switch[0] - 1, LAYOUT.arm_joints[0, 6]] += 0.003
+
+    return changed(case, change)
+
+
+def finger_jumps(case: Case) -> Case:
+    def change(qpos: np.ndarray) -> None:
+        qpos[20:, LAYOUT.fingers[1, 0]] -= 0.005
+
+    return changed(case, change)
+
+
+def never_closed(case: Case) -> Case:
+    def change(qpos: np.ndarray) -> None:
+        qpos[:, LAYOUT.fingers[0]] = 0.04
+
+    return changed(case, change)
+
+
+def opened_under_way(case: Case) -> Case:
+    def change(qpos: np.ndarray) -> None:
+        grasp, place = case.motion.switch
+        qpos[grasp:place, LAYOUT.fingers[0]] += 0.002 * np.sin(np.linspace(0.0, np.pi, place - grasp))[:, None]
 
     return changed(case, change)
 
@@ -211,7 +253,12 @@ CASES: list[tuple[Callable[[Case], Case], set[tuple[str, tuple[str, ...]]]]] = [
     ),
     (limit_violated, {("joint limit", ("right/joint7",))}),
     (finger_beyond, {("finger travel", ("right/finger_left",))}),
-    (joint_jumps, {("joint speed", ("right/joint7",))}),
+    (joint_jumps, {("joint speed", ("right/joint7",)), ("joint acceleration", ("right/joint7",))}),
+    (joint_trembles, {("joint acceleration", ("right/joint7",))}),
+    (arm_moves_as_it_grasps, {("switch speed", ("left/joint7",))}),
+    (finger_jumps, {("finger speed", ("right/finger_left",))}),
+    (never_closed, {("grip", BY_LEFT)}),
+    (opened_under_way, {("grip", BY_LEFT)}),
     (object_teleports, {("object speed", CAN_NAME), ("standing shift", CAN_NAME)}),
     (object_creeps, {("standing shift", CAN_NAME)}),
     (object_turns, {("standing turn", CAN_NAME)}),
@@ -226,13 +273,15 @@ CASES: list[tuple[Callable[[Case], Case], set[tuple[str, tuple[str, ...]]]]] = [
             ("switch shift", YELLOW_NAME),
             ("object speed", YELLOW_NAME),
             ("slip shift", BY_LEFT),
+            # It jumps through the hand.
+            *(("penetration", (f"left/{part}", "object/yellow")) for part in ("hand", "link6", "link7")),
         },
     ),
-    (grasped_at("+y"), {("closing axis", BY_LEFT)}),
+    (grasped_at("+y"), {("closing axis", BY_LEFT), ("grip", BY_LEFT)}),
     (grasped_at("-x"), {("closing axis", BY_LEFT)}),
-    (too_wide, {("closing axis", BY_LEFT), ("width", BY_LEFT)}),
+    (too_wide, {("closing axis", BY_LEFT), ("grip", BY_LEFT), ("width", BY_LEFT)}),
     (posture_off, {("home posture", ("right/joint7",))}),
-    (fingers_off, {("home finger", ("left/finger_left",))}),
+    (fingers_off, {("home finger", ("left/finger_left",)), ("finger speed", ("left/finger_left",))}),
     (with_object(1, position=(0.25, 0.255)), {("home shift", CAN_NAME)}),
     (with_object(1, yaw=0.1), {("home turn", CAN_NAME)}),
     (goal_elsewhere, {("support overhang", AT_GOAL)}),
@@ -270,21 +319,53 @@ def test_every_kind_is_provoked_here() -> None:
 def test_values_and_times_are_those_of_the_worst_sample(carry: Case) -> None:
     (limit,) = check(limit_violated(carry)).findings
     assert limit.value == pytest.approx(0.02) and limit.time == pytest.approx(carry.motion.time[-1])
-    (speed,) = check(joint_jumps(carry)).findings
+    speed = next(finding for finding in check(joint_jumps(carry)).findings if finding.kind == "joint speed")
     assert speed.value == pytest.approx(0.1 / 0.02) and speed.time == pytest.approx(carry.motion.time[50])
     lower = {finding.kind: finding for finding in check(held_lower(carry)).findings}
     assert lower["penetration"].value == pytest.approx(0.005, abs=1e-6)
     assert lower["penetration"].time >= carry.motion.time[carry.motion.switch[0]]
 
 
-def test_the_deepest_penetration_counts_only_what_may_not_touch(carry: Case) -> None:
+def test_fingers_do_not_go_into_what_they_hold(carry: Case) -> None:
     def squeeze(qpos: np.ndarray) -> None:
         grasp, place = carry.motion.switch
         qpos[grasp - 10 : place + 1, LAYOUT.fingers[0]] = 0.01
 
     report = check(changed(carry, squeeze))
-    assert report.passed and report.deepest_penetration < 1e-3
+    assert {finding.kind for finding in report.findings} == {"penetration", "grip", "finger speed"}
+    assert report.deepest_penetration == pytest.approx(0.015, abs=1e-4)
     assert check(held_lower(carry)).deepest_penetration == pytest.approx(0.005, abs=1e-6)
+
+
+def wall_in_the_way(case: Case) -> Case:
+    """The can is a wall, 1 cm thin, over which the box would have to be lifted higher."""
+    walled = with_object(1, shape="box", size=(0.5, 0.01, 0.4), position=(-0.2, 0.0), yaw=0.0)(case)
+
+    def change(qpos: np.ndarray) -> None:
+        qpos[:, CAN] = [-0.2, 0.0, 0.2, 1.0, 0.0, 0.0, 0.0]
+
+    return changed(walled, change)
+
+
+@pytest.mark.parametrize("every", [1, 10, 25])
+def test_what_is_hit_between_two_samples_is_found(carry: Case, every: int) -> None:
+    case = wall_in_the_way(carry)
+    motion = case.motion
+    last = (len(motion.time) - 1) // every * every
+    kept = np.append(np.arange(0, last, every), [last])
+    coarse = Motion(motion.time[kept], motion.qpos[kept], motion.switch // every)
+    found = {finding.names for finding in check(replace(case, motion=coarse)).findings if finding.kind == "penetration"}
+    assert ("object/can", "object/yellow") in found
+
+
+def test_the_giving_gripper_opens_when_the_taking_one_has_closed(handover: Case) -> None:
+    def too_early(qpos: np.ndarray) -> None:
+        fingers, take = qpos_layout(1).fingers[0], int(handover.motion.switch[1])
+        qpos[take - 60 :, fingers] = 0.04
+        qpos[take - 60 : take, fingers] = np.linspace(0.025, 0.04, 60)[:, None]
+
+    (finding,) = check(changed(handover, too_early)).findings
+    assert (finding.kind, finding.names) == ("grip", ("object/bar", "left"))
 
 
 def test_the_giving_gripper_may_not_stay(handover: Case) -> None:
@@ -295,7 +376,7 @@ def test_the_giving_gripper_may_not_stay(handover: Case) -> None:
 
     findings = check(changed(handover, stay_closed)).findings
     assert {finding.names[0] for finding in findings} == {"left/finger_left", "left/finger_right"}
-    assert {finding.kind for finding in findings} == {"penetration"}
+    assert {finding.kind for finding in findings} == {"penetration", "finger speed"}
 
 
 def test_a_finding_is_one_sentence() -> None:
