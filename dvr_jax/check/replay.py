@@ -190,11 +190,10 @@ def _replay(scene: Scene, motion: Motion, story: tuple[_Span, ...], log: Finding
     # How far any point of a geom goes in a step, at most.
     reach = np.linalg.norm(np.diff(geom_position, axis=0), axis=-1)
     reach += np.linalg.norm(np.diff(geom_rotation, axis=0), axis=-1) / np.sqrt(2) * model.geom_rbound
-    model.geom_margin[:] = reach.max(initial=0.0)  # which makes MuJoCo tell what is that near, too
-    contacts = _Contacts.of(model, data, motion.qpos, np.arange(T))
+    farthest = np.pad(reach.max(axis=1), 1)
+    contacts = _Contacts.of(model, data, motion.qpos, np.arange(T), np.maximum(farthest[:-1], farthest[1:]))
     between, steps = _states_between(motion, _pieces(model, bodies, story, contacts, reach))
-    model.geom_margin[:] = 0.0
-    contacts = contacts.and_those_of(_Contacts.of(model, data, between, steps))
+    contacts = contacts.and_those_of(_Contacts.of(model, data, between, steps, np.zeros(len(steps))))
 
     labels = {body: model.body(body).name for body in range(model.nbody)}
     labels.update({body: _label(scene, index) for index, body in enumerate(bodies)})
@@ -222,11 +221,13 @@ class _Contacts:
     """(C, 2)."""
 
     @staticmethod
-    def of(model: mujoco.MjModel, data: mujoco.MjData, states: Floats, samples: NDArray[np.int64]) -> "_Contacts":
-        """Of states (S, nq), told as those of samples (S,)."""
+    def of(
+        model: mujoco.MjModel, data: mujoco.MjData, states: Floats, samples: NDArray[np.int64], margins: Floats
+    ) -> "_Contacts":
+        """Of states (S, nq), told as those of samples (S,); what is nearer than a margin (S,) [m] is a contact."""
         sample, distance, geoms = [np.empty(0, np.int64)], [np.empty(0)], [np.empty((0, 2), np.int32)]
-        for number, qpos in zip(samples, states, strict=True):
-            data.qpos[:] = qpos
+        for number, qpos, margin in zip(samples, states, margins, strict=True):
+            data.qpos[:], model.geom_margin[:] = qpos, margin
             mujoco.mj_kinematics(model, data)
             mujoco.mj_collision(model, data)
             if data.ncon:
@@ -377,7 +378,7 @@ def _check_grip(
         excused = _looseness(scene, motion, after)[within] <= GRIP_TOLERANCE
     elif after is not None:
         p = replay.object_position[:, span.object]
-        excused = np.linalg.norm(p[within] - p[after.start], axis=1) <= SHIFT
+        excused = np.linalg.norm(p[within] - p[after.start], axis=1) <= SWITCH_SHIFT
     else:
         excused = np.zeros(len(loose), bool)
     names = (_label(scene, span.object), ARM_NAMES[span.arm])

@@ -34,8 +34,9 @@ EXCHANGES = 4
 def joint_curve(home: Floats, q: Floats) -> PchipInterpolator:
     """The motion's joint angles (14,) over the slices 0 (home) to T, from those (T, 14) at the slices 1 to T.
 
-    A monotone cubic keeps within the joint limits, and an arm that rests between two slices at rest."""
-    return PchipInterpolator(np.arange(len(q) + 1), np.concatenate([home[None], q]), axis=0)
+    A monotone cubic keeps within the joint limits, and an arm that rests between two slices at rest. The arms have been
+    at home before, so that they start from rest."""
+    return PchipInterpolator(np.arange(-1, len(q) + 1), np.concatenate([home[None], home[None], q]), axis=0)
 
 
 def place_samples(problem: Problem, q: Floats, share: Floats) -> Problem:

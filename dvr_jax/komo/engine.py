@@ -236,7 +236,7 @@ def path_start(problem: Problem, keyframes: Variables) -> Variables:
 
 def path_problem(problem: Problem, start: Variables) -> Problem:
     """The path NLP of a sequence from its keyframe NLP: drawn to its start, and more so close to a switch, for the
-    arms that take part; distances are taken on the motion through the start.
+    arms that take part; both rest at the end; distances are taken on the motion through the start.
 
     Without it the shortest motion sweeps sideways into a grasp, and hops over the object's edge between two slices.
     """
@@ -244,11 +244,13 @@ def path_problem(problem: Problem, start: Variables) -> Problem:
     S = T // K
     near = round(NEAR_SWITCH * S)
     attraction = np.full(start.q.shape, FAR_ATTRACTION)
-    for k, resting in enumerate(problem.resting):
-        weight = np.where(np.repeat(resting, 7) > 0, NEAR_ATTRACTION, FAR_ATTRACTION)
+    for k, taking_part in enumerate(problem.resting):
+        weight = np.where(np.repeat(taking_part, 7) > 0, NEAR_ATTRACTION, FAR_ATTRACTION)
         part = slice((k + 1) * S - 1 - near, (k + 1) * S + near)
         attraction[part] = np.maximum(attraction[part], weight)
-    drawn = problem._replace(reference=start.q, attraction=attraction)
+    resting = np.array(problem.resting)
+    resting[-1] = 1
+    drawn = problem._replace(reference=start.q, attraction=attraction, resting=resting)
     return place_samples(drawn, start.q, even_shares(T))
 
 

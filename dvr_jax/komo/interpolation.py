@@ -1,10 +1,13 @@
 """From the slices of a solved path to a motion of the whole scene at ten times their rate.
 
-Joints run through the slices as monotone cubics, which keep an arm that rests between two slices at rest, so fingers
-open and close in that interval. Held objects are carried rigidly by the mode transforms of the NLP, placed with
-MuJoCo's own kinematics."""
+Joints run through the slices as monotone cubics, which keep an arm that rests between two slices at rest. In that
+interval before a switch fingers move: at a handover those that take close in its first half, those that give open in
+the second. A slice lasts as long as Franka's limits of joint speed, joint acceleration and finger speed ask for. Held
+objects are carried rigidly by the mode transforms of the NLP, placed with MuJoCo's own kinematics."""
 
 from __future__ import annotations
+
+import math
 
 import mujoco
 import numpy as np
@@ -16,13 +19,13 @@ from dvr_jax.komo.between import SAMPLES_PER_SLICE, joint_curve
 from dvr_jax.komo.problem import HELD_LEFT, PLACED, Problem
 from dvr_jax.scene.mjcf import build_model, qpos_layout
 from dvr_jax.scene.types import Scene
-from dvr_jax.scene.workspace import ARM_NAMES, JOINT_VELOCITY
+from dvr_jax.scene.workspace import ARM_NAMES, FINGER_SPEED, JOINT_ACCELERATION, JOINT_VELOCITY
 
 SHORTEST_SLICE = 0.1
-"""Shortest duration of a slice [s]; longer where a joint would exceed its velocity limit."""
+"""Shortest duration of a slice [s]."""
 
-VELOCITY_SHARE = 0.9
-"""Share of Franka's joint velocity limits that a motion may use."""
+LIMIT_SHARE = 0.9
+"""Share of Franka's limits of joint speed and acceleration, and of finger speed, that a motion may use."""
 
 Floats = NDArray[np.float64]
 
@@ -38,21 +41,36 @@ def interpolate(scene: Scene, problem: Problem, q: Floats, m: Floats) -> Motion:
     T, K = q.shape[0], m.shape[0]
     S, R = T // K, SAMPLES_PER_SLICE
     sampled = np.arange(T * R + 1) / R
-    joints = joint_curve(problem.home, q)(sampled)
-    fastest = (np.abs(np.diff(joints, axis=0)) * R / np.tile(JOINT_VELOCITY, 2)).max()
-    duration = max(SHORTEST_SLICE, float(fastest) / VELOCITY_SHARE)
-
     phase = np.minimum((sampled / S).astype(int), K - 1)
     phase_after = np.where(np.arange(T * R + 1) == T * R, K, phase)
     layout = qpos_layout(len(scene.objects))
     qpos = np.zeros((len(sampled), layout.size))
+    joints = joint_curve(problem.home, q)(sampled)
     qpos[:, layout.arm_joints.reshape(-1)] = joints
-    # Fingers move while the arm rests: in the last interval before its switch.
-    share = np.clip(sampled - ((phase + 1) * S - 1), 0, 1)[:, None]
-    opening = (1 - share) * problem.opening[phase] + share * problem.opening[phase + 1]
-    qpos[:, layout.fingers.reshape(-1)] = np.repeat(opening, 2, axis=1)
+    fingers = _finger_travels(problem, sampled - ((phase + 1) * S - 1), phase)
+    qpos[:, layout.fingers.reshape(-1)] = np.repeat(fingers, 2, axis=1)
     _carry_objects(scene, problem, m, phase_after, qpos)
-    return make_motion(sampled * duration, qpos, (np.arange(K) + 1) * S * R)
+    return make_motion(sampled * _slice_duration(joints, fingers), qpos, (np.arange(K) + 1) * S * R)
+
+
+def _finger_travels(problem: Problem, share: Floats, phase: NDArray[np.int64]) -> Floats:
+    """Travel of both arms' fingers (L, 2) [m] in samples of these phases (L,), at this share (L,) of the interval
+    before their switch, negative earlier."""
+    before, after = problem.opening[phase], problem.opening[phase + 1]
+    both = (before != after).all(axis=1, keepdims=True)
+    half = np.where(after < before, 2 * share[:, None], 2 * share[:, None] - 1)
+    moved = np.clip(np.where(both, half, share[:, None]), 0, 1)
+    return (1 - moved) * before + moved * after
+
+
+def _slice_duration(joints: Floats, fingers: Floats) -> float:
+    """Duration of a slice [s] within all limits, of angles (L, 14) and travels (L, 2) at the motion's rate."""
+    steps = np.diff(joints, axis=0) * SAMPLES_PER_SLICE
+    changes = np.diff(steps, axis=0, prepend=0.0, append=0.0) * SAMPLES_PER_SLICE
+    speed = np.abs(steps / np.tile(JOINT_VELOCITY, 2)).max() / LIMIT_SHARE
+    acceleration = np.abs(changes / np.tile(JOINT_ACCELERATION, 2)).max() / LIMIT_SHARE
+    closing = np.abs(np.diff(fingers, axis=0)).max() * SAMPLES_PER_SLICE / FINGER_SPEED / LIMIT_SHARE
+    return max(SHORTEST_SLICE, float(speed), math.sqrt(float(acceleration)), float(closing))
 
 
 def _carry_objects(scene: Scene, problem: Problem, m: Floats, phase: NDArray[np.int64], qpos: Floats) -> None:

@@ -52,7 +52,7 @@ class Problem(NamedTuple):
     switched_object: Array
     """(K,) int: the object that action k switches."""
     resting: Array
-    """(K, 2): 1 for each arm that takes part in switch k, else 0."""
+    """(K, 2): 1 for each arm that rests at switch k, else 0: those that take part, and in a path both at its end."""
     opening: Array
     """(K + 1, 2) distance of each finger from the hand's middle plane in phase k, and after the last action [m]."""
     is_grasp: Array

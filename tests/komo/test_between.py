@@ -4,6 +4,7 @@ whose motion penetrates."""
 from collections.abc import Iterator
 from itertools import islice
 
+import mujoco
 import numpy as np
 import pytest
 from scipy.interpolate import PchipInterpolator
@@ -13,10 +14,19 @@ from dvr_jax.check import CheckReport
 from dvr_jax.check.replay import DEEPEST_CONTACT, check_motion
 from dvr_jax.komo import engine
 from dvr_jax.komo.augmented import FEASIBLE, ITERATION_LIMIT
-from dvr_jax.komo.between import BETWEEN_TOLERANCE, PATH_SAMPLES, depths_between, even_shares, move_samples
+from dvr_jax.komo.between import (
+    BETWEEN_TOLERANCE,
+    PATH_SAMPLES,
+    depths_between,
+    even_shares,
+    joint_curve,
+    move_samples,
+)
 from dvr_jax.komo.engine import STEPS_PER_PHASE, Solved, keyframe_start, path_problem, path_start
 from dvr_jax.komo.interpolation import interpolate
 from dvr_jax.komo.transcription import transcribe
+from dvr_jax.komo.verdict import REST_TOLERANCE
+from dvr_jax.scene.mjcf import build_model
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.tree import Node, SequenceTree
 from dvr_jax.search.work import run_alone
@@ -59,8 +69,17 @@ def test_a_path_that_penetrates_between_its_samples_is_not_feasible(
     path = run_alone(tree.solve_path(node, 0))
     assert depths[-1] > DEEPEST_CONTACT
     assert not path.feasible and path.status == ITERATION_LIMIT and path.ratio > 1
-    # MuJoCo's own collisions of the same motion.
-    assert depths[-1] == pytest.approx(replay(scene, node, path).deepest_penetration, abs=1e-9)
+    assert node.problem is not None
+    model = build_model(scene)
+    data, deepest = mujoco.MjData(model), 0.0
+    for qpos in interpolate(scene, node.problem, path.q, path.m).qpos:
+        data.qpos[:] = qpos
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_collision(model, data)
+        deepest = max(deepest, -float(data.contact.dist.min(initial=0.0)))
+    assert depths[-1] == pytest.approx(deepest, abs=1e-9)
+    report = replay(scene, node, path)
+    assert not report.passed and report.deepest_penetration >= deepest
 
 
 def test_exchanged_samples_end_in_a_motion_without_penetration(
@@ -71,6 +90,19 @@ def test_exchanged_samples_end_in_a_motion_without_penetration(
     assert len(depths) > 1 and depths[0] > DEEPEST_CONTACT
     assert path.feasible and path.status == FEASIBLE and path.ratio <= 1
     assert replay(scene, node, path).deepest_penetration <= BETWEEN_TOLERANCE
+
+
+def test_a_motion_starts_and_ends_at_rest_and_keeps_to_the_limits(
+    handover: tuple[Scene, SequenceTree, Node],
+) -> None:
+    scene, tree, node = handover
+    path = run_alone(tree.solve_path(node, 0))
+    assert path.feasible and np.abs(path.q[-1] - path.q[-2]).max() < REST_TOLERANCE
+    report = replay(scene, node, path)
+    # These are first actions of longer sequences: at their end the goal's object is still held.
+    assert {finding.kind for finding in report.findings} <= {"goal held", "support height", "support overhang"}
+    curve = joint_curve(np.asarray(node.problem.home), path.q)  # type: ignore[union-attr]
+    np.testing.assert_allclose(curve(0.0, 1), 0, atol=1e-12)
 
 
 def test_samples_of_a_start_lie_on_the_line_where_it_rests(handover: tuple[Scene, SequenceTree, Node]) -> None:
@@ -103,7 +135,7 @@ def test_samples_move_to_the_deepest_place_of_their_part_and_lie_on_the_motion(
     np.testing.assert_allclose(moved.share, expected, atol=1e-15)
     assert expected.shape == (T, PATH_SAMPLES)
     knots = np.concatenate([problem.home[None], q])
-    curve = PchipInterpolator(np.arange(T + 1), knots)
+    curve = PchipInterpolator(np.arange(-1, T + 1), np.concatenate([knots[:1], knots]))  # from rest
     for t in range(T):
         line = knots[t] + moved.share[t][:, None] * (knots[t + 1] - knots[t])
         np.testing.assert_allclose(line + moved.offset[t], curve(t + moved.share[t]), atol=1e-12)
