@@ -61,6 +61,12 @@ def leaves(row: Row) -> int:
     return int(row["verdicts"].get("path", 0))
 
 
+def proposed(row: Row) -> int:
+    """Sequences that reach the goal and were considered, those that a bound of keyframes refuted included: NLPs where
+    each is solved as one path."""
+    return int(row["verdicts"].get("leaf", 0))
+
+
 def keyframes(row: Row) -> int:
     """Keyframe NLPs solved, of whole prefixes and of single objects."""
     return int(row["nlps"].get("sequence", 0)) + int(row["nlps"].get("pose", 0))
@@ -82,15 +88,17 @@ def _print_search(name: str, rows: Sequence[Row], feasible: int, k_max: int) -> 
     )
     share = f"; of the time, network {network / seconds:.1%}, its depth image {image / seconds:.1%}" if network else ""
     print(f"{name}: {len(solved)} solved, {feasible - len(solved)} of the {feasible} feasible scenes not{share}")
-    print("  length scenes   total s   sequences tried    path NLPs   keyframe NLPs   (medians; means)")
+    print(
+        "  length scenes   total s   first right   proposed   paths tried   path NLPs   keyframe NLPs (medians; means)"
+    )
     for length, of_length in by_length(solved, k_max).items():
         if of_length:
-            tried = f"{_median(of_length, leaves)}; {statistics.mean(map(leaves, of_length)):.2f}"
-            solves = f"{_median(of_length, paths)}; {statistics.mean(map(paths, of_length)):.2f}"
-            print(
-                f"  {length:>6} {len(of_length):>6} {_median(of_length, total):>9} {tried:>17} {solves:>12} "
-                f"{_median(of_length, keyframes):>15}"
+            first = sum(proposed(row) == 1 for row in of_length) / len(of_length)
+            columns = " ".join(
+                f"{_median(of_length, value)}; {statistics.mean(map(value, of_length)):<8.3g}".rjust(13)
+                for value in (proposed, leaves, paths, keyframes)
             )
+            print(f"  {length:>6} {len(of_length):>6} {_median(of_length, total):>9} {first:>12.0%} {columns}")
 
 
 def _print_speed_up(names: Sequence[str], tables: dict[str, dict[int, Row]], k_max: int) -> None:
@@ -109,15 +117,16 @@ def _print_speed_up(names: Sequence[str], tables: dict[str, dict[int, Row]], k_m
 
 
 def save_plots(path: Path, tables: dict[str, dict[int, Row]], k_max: int) -> None:
-    """Box plots of total time, path NLPs and keyframe NLPs by length, one colour for each search."""
+    """Box plots of total time, sequences proposed, path NLPs and keyframe NLPs by length, one colour a search."""
     try:
         from matplotlib.figure import Figure
     except ImportError:
         raise DvrError("the plots need matplotlib: pip install '.[plots]' in the repository.") from None
-    figure = Figure(figsize=(14, 4), layout="constrained")
+    figure = Figure(figsize=(17, 4), layout="constrained")
     lengths = [n for n in range(1, k_max + 1) if any(len(r["words"]) == n for t in tables.values() for r in t.values())]
     values: list[tuple[str, str, Callable[[Row], float]]] = [
         ("total time [s]", "log", total),
+        ("sequences proposed", "log", proposed),
         ("path NLPs solved", "linear", paths),
         ("keyframe NLPs solved", "symlog", keyframes),
     ]

@@ -31,8 +31,7 @@ THRESHOLD = 0.5
 """Prediction above which a sequence is solved, at first (sec. IV-F of the paper)."""
 
 DISCOUNT = 0.9
-"""Factor of the threshold each time the best sequence known lies below it."""
-
+"""Factor of the threshold each time that too few of the sequences known exceed it for the next try."""
 
 GROWTH = 4
 """Factor of the number of sequences judged at once, each time that none was feasible."""
@@ -180,6 +179,7 @@ def _try(run: Run, leaves: list[Node]) -> Steps[Outcome | None]:
     """All bounds of leaves, the path bound in the order of their predictions.
 
     A leaf alone is what the network is sure of; the pose bound, which other leaves share, pays where there are many."""
+    run.tree.counts.verdicts["leaf"] += len(leaves)
     passed = yield from (run.judge_leaves(leaves) if len(leaves) > 1 else run.judge_lines(leaves))
     for leaf in passed:
         outcome = yield from run.try_leaves([leaf])

@@ -40,6 +40,7 @@ def _search(run: Run, of_leaves: _Judge, judge: _Judge) -> Steps[Outcome]:
         leaves = [node for node in children if node.reaches_goal]
         run.progress(f"length {depth}: {len(children)} prefixes, {len(leaves)} reach the goal")
         for batch in _batches(run.arrange(leaves)):
+            run.tree.counts.verdicts["leaf"] += len(batch)
             feasible = yield from of_leaves(batch)
             outcome = yield from run.try_leaves(feasible)
             if outcome is not None:

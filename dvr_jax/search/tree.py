@@ -106,7 +106,8 @@ class Counts:
     nlps: Counter[str] = field(default_factory=Counter)
     """NLP solves (starts count singly): "pose", "sequence", "path"."""
     verdicts: Counter[str] = field(default_factory=Counter)
-    """Prefixes judged, by bound, those that a particle proved feasible or the scene refuted included."""
+    """Prefixes judged, by bound, those that a particle proved feasible or the scene refuted included; "leaf": sequences
+    that reach the goal and were considered."""
     feasible: Counter[str] = field(default_factory=Counter)
     """Of these, feasible."""
 

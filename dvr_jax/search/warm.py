@@ -19,8 +19,8 @@ from dvr_jax.scene.types import Scene
 from dvr_jax.search.reasoning import Network
 from dvr_jax.search.tree import SequenceTree
 
-_ready: set[tuple[int, int]] = set()
-"""Numbers of objects and of actions whose programs this process has."""
+_ready: set[tuple[int, int, object]] = set()
+"""Number of objects, number of actions and network whose programs this process has."""
 
 
 def warm_up(
@@ -60,20 +60,27 @@ def warm_up(
                 return
             particles = extend_prefixes([particles], [problem], seed=0)[0]
         if network is not None:
-            code = network.begin(scene, SequenceTree(scene, k_max).grounding)
-            network.step(code, code.initial_hidden(1), [0])
+            tree = SequenceTree(scene, k_max)
+            code = network.begin(scene, tree.grounding)
+            widest = len(list(tree.grounding.applicable(tree.grounding.initial_state)))
+            for children in (1, widest):
+                network.step(code, code.initial_hidden(children), range(children))
         starts = [path_start(problem, point) for problem, point in zip(problems, keyframes, strict=True)]
         for problem, point in zip(problems, starts, strict=True):
             if stop():
                 return
             solve([path_problem(problem, point)], [point], once)
-    _ready.add((len(scene.objects), k_max))
+    _ready.add(_key(scene, k_max, network))
+
+
+def _key(scene: Scene, k_max: int, network: Network | None) -> tuple[int, int, object]:
+    return len(scene.objects), k_max, None if network is None else id(network)
 
 
 @contextmanager
 def warming_up(scene: Scene, k_max: int, network: Network | None) -> Iterator[None]:
     """Compile on another core what the work inside will soon need, unless this process has it."""
-    if (len(scene.objects), k_max) in _ready:
+    if _key(scene, k_max, network) in _ready:
         yield
         return
     done = Event()
