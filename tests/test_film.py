@@ -90,7 +90,7 @@ def test_depth_picture_shows_every_mask_in_its_colour(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("count", [1, 8])
 def test_odd_names_and_many_objects(tmp_path: Path, count: int) -> None:
-    names = ["two\nlines \x01 \ud800 日本 " + "long " * 60, *"abcdefg"][:count]
+    names = ["two\nlines \x01 \ud800 日本" + " long" * 60, *"abcdefg"][:count]
     objects = [SceneObject(name, "cylinder", (0.03, 0.3), (0.1 * i - 0.4, 0.3), 0.0) for i, name in enumerate(names)]
     scene = make_scene(objects, Goal(names[0], Region((0.0, -0.3), 0.3, (0.1, 0.1))))
     save_film(tmp_path / "film.png", scene, (Action("grasp", ("left", "+x", names[0])),), swing(scene, 10, (5,)))

@@ -164,14 +164,16 @@ def propose_place(step: Extension, holding: Holding, u: Array) -> Proposed:
     overhang = jnp.maximum(-spare_x, 0) + jnp.maximum(-spare_y, 0)
     along_x, along_y = (2 * u[2] - 1) * room_x, (2 * u[3] - 1) * room_y
     c, s = jnp.cos(support[2]), jnp.sin(support[2])
-    x, y = support[0] + c * along_x - s * along_y, support[1] + s * along_x + c * along_y
-    # A table is larger than the reach: in front of the arm instead.
+    # A table is larger than the reach: in front of the arm instead, as far as the support goes.
     near, far = PLACING_RADIUS
     radius, angle = jnp.sqrt(near**2 + u[2] * (far**2 - near**2)), (2 * u[3] - 1) * 1.6
     base_x, base_y = (step.base[:, None, None, i] for i in range(2))
     large = support[3] > 0.5
-    x = jnp.where(large, jnp.clip(base_x - jnp.sign(base_x) * radius * jnp.cos(angle), -room_x, room_x), x)
-    y = jnp.where(large, jnp.clip(base_y + radius * jnp.sin(angle), -room_y, room_y), y)
+    ahead_x = base_x - jnp.sign(base_x) * radius * jnp.cos(angle) - support[0]
+    ahead_y = base_y + radius * jnp.sin(angle) - support[1]
+    along_x = jnp.where(large, jnp.clip(c * ahead_x + s * ahead_y, -room_x, room_x), along_x)
+    along_y = jnp.where(large, jnp.clip(c * ahead_y - s * ahead_x, -room_y, room_y), along_y)
+    x, y = support[0] + c * along_x - s * along_y, support[1] + s * along_x + c * along_y
     yaw = turn + support[2]
     x, y, yaw = materialize((x, y, jnp.broadcast_to(yaw, x.shape)))
     R = rotation_about_z(*materialize((jnp.cos(yaw), jnp.sin(yaw))))

@@ -1,4 +1,4 @@
-"""From symbols to arrays: a scene and a sequence of actions become one `Problem`. The only module that sees both.
+"""From symbols to arrays: a scene and a sequence of actions become one `Problem`.
 
 What an operator means geometrically is registered here by its name in the domain (`OPERATORS`).
 """
@@ -13,7 +13,9 @@ import numpy as np
 
 from dvr_jax.errors import DvrError
 from dvr_jax.komo.problem import ABSENT, FIXED, HELD_LEFT, HELD_RIGHT, PARAMETERS, PLACED, Problem
+from dvr_jax.komo.verdict import POSITION_TOLERANCE
 from dvr_jax.logic import ARMS, FACES, Action
+from dvr_jax.scene.footprint import fits
 from dvr_jax.scene.types import Scene, SceneObject
 from dvr_jax.scene.workspace import FINGER_OPEN, MAXIMUM_OPENING, TABLE_HALF_EXTENTS
 
@@ -58,6 +60,12 @@ def grip_width(item: SceneObject, face: str) -> float:
 def refute(scene: Scene, action: Action) -> str | None:
     """Why an action cannot be done whatever the motion (a constant of the scene), or None."""
     if action.operator != "grasp":
+        _, name, support = action.arguments
+        width, depth = scene.goal.region.size
+        spare = 2 * POSITION_TOLERANCE  # a footprint may stick out as far
+        footprint = scene.objects[scene.object_index(name)].footprint
+        if support == "goal" and not fits(footprint, (width + spare, depth + spare)):
+            return f"{name} does not fit on the goal region of {100 * width:.1f} x {100 * depth:.1f} cm"
         return None
     _, face, name = action.arguments
     item = scene.objects[scene.object_index(name)]

@@ -5,6 +5,7 @@ two objects overlap exactly when their footprints do. Signed distances are posit
 are minus the least translation that parts the two.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,6 +62,26 @@ def inside(inner: Footprint, outer: Rectangle) -> bool:
         local = _to_local(inner.center, outer)
         return bool(np.all(np.abs(local) + inner.radius <= half))
     return bool(np.all(np.abs(_to_local(inner.corners(), outer)) <= half))
+
+
+def fits(inner: Footprint, sides: tuple[float, float]) -> bool:
+    """Whether `inner`, turned and shifted as need be, fits into a rectangle of these sides (m).
+
+    For a rectangle of sides p >= q in one of sides a >= b that is the condition of Carver, "Solution to problem E 1225"
+    (American Mathematical Monthly 64, 1957).
+    """
+    long, short = max(sides), min(sides)
+    if isinstance(inner, Circle):
+        return 2 * inner.radius <= short
+    p, q = 2 * max(inner.half), 2 * min(inner.half)
+    if p <= long:
+        return q <= short
+    diagonal = p * p + q * q
+    return (
+        q <= short
+        and diagonal >= long * long
+        and short * diagonal >= (2 * p * q * long + (p * p - q * q) * math.sqrt(diagonal - long * long))
+    )
 
 
 def contains_point(point: tuple[float, float], outer: Rectangle) -> bool:

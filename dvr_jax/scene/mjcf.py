@@ -12,12 +12,13 @@ import math
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib.resources import files
-from urllib.parse import quote
+from urllib.parse import quote, unquote
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from dvr_jax.errors import DvrError
 from dvr_jax.scene.colours import GOAL_COLOUR, object_colours
 from dvr_jax.scene.pinhole import SCENE_CAMERA
 from dvr_jax.scene.types import Scene, SceneObject
@@ -48,6 +49,9 @@ CAPSULE_NAMES: tuple[str, ...] = (
 """The nine collision capsules of an arm, from the base outwards; a model's names carry the arm's prefix."""
 
 GOAL_SPOT_THICKNESS = 0.001
+
+HOME_PENETRATION = 1e-3
+"""Deepest penetration in the initial state (m)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,6 +141,24 @@ def build_home_data(model: mujoco.MjModel) -> mujoco.MjData:
     mujoco.mj_resetDataKeyframe(model, data, model.key("home").id)
     mujoco.mj_forward(model, data)
     return data
+
+
+def require_free_home(scene: Scene) -> None:
+    """Raise a DvrError where something collides in the initial state: no motion could start there."""
+    model = build_model(scene)
+    data = mujoco.MjData(model)
+    data.qpos[:] = home_qpos(scene)
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_collision(model, data)
+    distance = np.array(data.contact.dist)
+    if distance.min(initial=0.0) > -HOME_PENETRATION:
+        return
+    deepest = int(distance.argmin())
+    first, second = (unquote(model.body(body).name) for body in model.geom_bodyid[data.contact.geom[deepest]])
+    raise DvrError(
+        f"with the arms at home {first} and {second} penetrate by {-1e3 * distance[deepest]:.0f} mm; "
+        "move the object or choose another home."
+    )
 
 
 def scene_xml(scene: Scene) -> str:

@@ -1,7 +1,8 @@
 """When a scene is valid: every rule that a scene must hold, each with a message for whoever broke it.
 
-Rules: 1 to 8 objects with unique names, finite numbers, positive sizes, everything on the table, no two objects
-overlapping, none within an arm's column, a goal that names an object, home postures of seven angles within the limits.
+Rules: 1 to 8 objects with unique names of no brackets or commas, finite numbers, positive sizes, everything on the
+table, no two objects overlapping, none within an arm's column, a goal that names an object and can hold it, home
+postures of seven angles within the limits.
 """
 
 import math
@@ -9,7 +10,7 @@ from collections.abc import Sequence
 from itertools import combinations
 
 from dvr_jax.errors import DvrError
-from dvr_jax.scene.footprint import Circle, Rectangle, inside, signed_distance
+from dvr_jax.scene.footprint import Circle, Rectangle, fits, inside, signed_distance
 from dvr_jax.scene.types import DEFAULT_HOME, Goal, Home, Scene, SceneObject
 from dvr_jax.scene.workspace import (
     ARM_NAMES,
@@ -27,6 +28,9 @@ TABLE_FOOTPRINT = Rectangle((0.0, 0.0), TABLE_HALF_EXTENTS, 0.0)
 
 OVERLAP_TOLERANCE = 1e-9
 """Footprints may overlap by this much (m): objects that touch exactly are valid in spite of rounding."""
+
+RESERVED = "(),"
+"""Characters that no name has: actions are written as "place(left, yellow, goal)"."""
 
 SMALLEST_SIZE = 1e-3
 """Nothing is thinner than this (m): below, the physics and the distances lose their meaning."""
@@ -51,6 +55,7 @@ def validate_scene(scene: Scene) -> None:
         depth = -signed_distance(first.footprint, second.footprint)
         if depth > OVERLAP_TOLERANCE:
             raise DvrError(f"the objects {first.name!r} and {second.name!r} overlap by {depth:.3g} m; move them apart.")
+    _validate_room(scene)
     _validate_home(scene.home)
 
 
@@ -59,6 +64,10 @@ def _validate_names(scene: Scene) -> None:
     for name in names:
         if not isinstance(name, str) or not name:
             raise DvrError(f"an object's name is {name!r}; a name is a text of at least one character.")
+        if set(name) & set(RESERVED) or name != name.strip():
+            raise DvrError(
+                f"an object's name is {name!r}; a name has none of {' '.join(RESERVED)}, no blanks around it."
+            )
         if names.count(name) > 1:
             raise DvrError(f"{names.count(name)} objects are called {name!r}; each name may occur once.")
     if scene.goal.object not in names:
@@ -91,6 +100,15 @@ def _validate_goal(goal: Goal) -> None:
         raise DvrError(
             f"the goal region at {_format(goal.region.position)} reaches off the table, "
             f"whose top is {_table_in_words()}."
+        )
+
+
+def _validate_room(scene: Scene) -> None:
+    item, sides = scene.objects[scene.goal_index], scene.goal.region.size
+    if not fits(item.footprint, (sides[0] + OVERLAP_TOLERANCE, sides[1] + OVERLAP_TOLERANCE)):
+        raise DvrError(
+            f"the goal region of {_format(sides)} m cannot hold {item.name!r}, whose size is {_format(item.size)} m, "
+            "however it is turned; make it larger."
         )
 
 

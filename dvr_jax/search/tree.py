@@ -33,6 +33,7 @@ from dvr_jax.komo.particles import UNREACHABLE, Particles, empty_prefix
 from dvr_jax.komo.problem import ABSENT, Problem
 from dvr_jax.komo.transcription import is_duplicate, refute, transcribe
 from dvr_jax.logic import Action, Grounding, ground_actions
+from dvr_jax.scene.mjcf import require_free_home
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.work import Extend, Solve, Steps
 
@@ -123,7 +124,10 @@ class SequenceTree:
         settings: Settings | None = None,
         deadline: float = math.inf,
     ) -> None:
-        """A tree with only its root; past the deadline (of `time.monotonic`) its bounds raise `OutOfTime`."""
+        """A tree with only its root; past the deadline (of `time.monotonic`) its bounds raise `OutOfTime`.
+
+        Raises DvrError for a scene whose initial state is in collision."""
+        require_free_home(scene)
         self.scene, self.k_max, self.seed, self.deadline = scene, k_max, seed, deadline
         self.settings = settings or Settings()
         self.grounding: Grounding = ground_actions([item.name for item in scene.objects], scene.goal.object)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dvr_jax.scene.footprint import Circle, Footprint, Rectangle, contains_point, inside, signed_distance
+from dvr_jax.scene.footprint import Circle, Footprint, Rectangle, contains_point, fits, inside, signed_distance
 
 lengths = st.floats(0.01, 0.2)
 coordinates = st.floats(-0.3, 0.3)
@@ -64,3 +64,17 @@ def test_known_distances() -> None:
     assert signed_distance(square, Rectangle((4.0, 0.0), (1.0, 3.0), 0.0)) == pytest.approx(3 - math.sqrt(2))
     assert signed_distance(Circle((0.0, 0.0), 1.0), Circle((3.0, 4.0), 1.5)) == pytest.approx(2.5)
     assert inside(Circle((0.0, 0.0), 1.0), square) and not inside(Circle((0.01, 0.0), 1.0), square)
+
+
+@settings(deadline=None, max_examples=200)
+@given(st.tuples(*[st.floats(0.01, 0.3)] * 2), st.tuples(*[st.floats(0.01, 0.3)] * 2))
+def test_what_fits_fits_at_some_angle(half: tuple[float, float], sides: tuple[float, float]) -> None:
+    angle = np.linspace(0, np.pi, 20_001)
+    c, s = np.abs(np.cos(angle)), np.abs(np.sin(angle))
+    spare = np.minimum(sides[0] - 2 * (half[0] * c + half[1] * s), sides[1] - 2 * (half[0] * s + half[1] * c)).max()
+    if abs(spare) > 1e-4:  # else the angles tried are too few
+        assert fits(Rectangle((1.0, 2.0), half, 0.3), sides) == (spare > 0)
+
+
+def test_a_circle_fits_by_its_diameter() -> None:
+    assert fits(Circle((0.0, 0.0), 0.1), (0.3, 0.2)) and not fits(Circle((0.0, 0.0), 0.11), (0.2, 0.3))

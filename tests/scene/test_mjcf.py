@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from dvr_jax.errors import DvrError
 from dvr_jax.scene.mjcf import (
     CAPSULE_NAMES,
     COLLISION_GROUP,
@@ -18,6 +19,7 @@ from dvr_jax.scene.mjcf import (
     home_qpos,
     object_body_name,
     qpos_layout,
+    require_free_home,
     scene_xml,
 )
 from dvr_jax.scene.scene import Goal, Region, Scene, SceneObject, make_scene
@@ -197,3 +199,14 @@ def test_names_of_objects_never_clash() -> None:
     model = build_model(Scene(tuple(objects), Goal("goal", REGION)))
     assert model.nq == 18 + 7 * len(names)
     assert mujoco.MjModel.from_xml_string(scene_xml(Scene(tuple(objects), Goal("goal", REGION)))).nq == model.nq
+
+
+def test_a_home_in_collision_is_refused_with_both_names() -> None:
+    require_free_home(SCENE)
+    tall = SceneObject("tower, no", "box", (0.1, 0.1, 0.6), (-0.45, 0.0), 0.0)
+    goal = Goal(tall.name, Region((0.3, 0.2), 0.0, (0.2, 0.2)))
+    with pytest.raises(DvrError, match=r"with the arms at home left/.* and object/tower, no penetrate by"):
+        require_free_home(Scene((tall,), goal))
+    low = (0.0, 0.9, 0.0, -1.9, 0.0, 2.8, 0.8)
+    with pytest.raises(DvrError, match=r"table.* penetrate by"):
+        require_free_home(Scene(SCENE.objects, SCENE.goal, (low, SCENE.home[1])))

@@ -26,7 +26,7 @@ def test_shows_the_goal_the_objects_and_both_arms() -> None:
 
 
 def test_colour_of_a_lit_face_keeps_its_hue() -> None:
-    scene = make_scene([SceneObject("blue", "box", (0.2, 0.2, 0.1), (0.0, 0.0), 0.0)], _goal("blue"))
+    scene = make_scene([SceneObject("blue", "box", (0.1, 0.1, 0.1), (0.0, 0.0), 0.0)], _goal("blue"))
     model = build_model(scene)
     image = render_picture(model, build_home_data(model), 65, 65, ABOVE)
     shade = image[32, 32] / np.array(object_colours(scene)[0]) / 255

@@ -1,24 +1,31 @@
 """The bounds of the tree say "feasible" only of what is."""
 
-import jax
+from dataclasses import replace
 
+import jax
+import numpy as np
+import pytest
+
+from dvr_jax.scene.footprint import Rectangle, inside
 from dvr_jax.scene.types import Goal, Region, Scene, SceneObject
-from dvr_jax.search.tree import SequenceTree
+from dvr_jax.search.tree import WITNESS, Node, SequenceTree
 from dvr_jax.search.work import run_alone
 
+BOX = SceneObject("a", "box", (0.05, 0.15, 0.1), (-0.2, 0.1), 0.3)
 
-def verdicts_of_goal_sequences(side: float) -> list[bool | None]:
-    """Sequence bound of all grasps and places of one 5 x 15 cm box onto a square region with this side [m]."""
-    box = SceneObject("a", "box", (0.05, 0.15, 0.1), (-0.2, 0.1), 0.3)
-    scene = Scene((box,), Goal("a", Region((-0.1, -0.2), 0.2, (side, side))))
+
+def goal_sequences(region: Region, constants: bool = True) -> list[Node]:
+    """All grasps and places of one 5 x 15 cm box onto a region, with their sequence bounds; without `constants`, what
+    refutes an action whatever the motion is left to the bounds."""
     with jax.enable_x64(True):
-        tree = SequenceTree(scene, k_max=2)
+        tree = SequenceTree(Scene((BOX,), Goal("a", region)), k_max=2)
         grasps = tree.expand(tree.root)
+        if not constants:
+            tree._refuted = dict.fromkeys(tree._refuted)
         run_alone(tree.judge_sequences(grasps))
         places = [place for grasp in grasps if grasp.feasible for place in tree.expand(grasp)]
         run_alone(tree.judge_sequences(places))
-    assert places
-    return [place.feasible for place in places]
+    return places
 
 
 def test_a_cylinder_is_grasped_at_one_face_for_all() -> None:
@@ -31,8 +38,26 @@ def test_a_cylinder_is_grasped_at_one_face_for_all() -> None:
 
 
 def test_an_object_larger_than_its_region_is_refuted() -> None:
-    assert not any(verdicts_of_goal_sequences(0.10))
+    small = Region((-0.1, -0.2), 0.2, (0.10, 0.10))
+    assert goal_sequences(small) == []
+    refuted = goal_sequences(small, constants=False)
+    assert refuted and not any(place.feasible for place in refuted)
 
 
 def test_an_object_that_fits_its_region_is_not() -> None:
-    assert any(verdicts_of_goal_sequences(0.22))
+    assert any(place.feasible for place in goal_sequences(Region((-0.1, -0.2), 0.2, (0.22, 0.22))))
+
+
+@pytest.mark.parametrize("region", [Region((0.3, -0.45), 0.0, (1.06, 0.4)), Region((-0.3, 0.3), 0.6, (1.1, 0.5))])
+def test_what_a_particle_proves_lies_on_a_region_as_large_as_a_table(region: Region) -> None:
+    proved = 0
+    for place in goal_sequences(region):
+        assert place.particles is not None
+        for q, m, violation in zip(place.particles.q, place.particles.m, place.particles.violation, strict=True):
+            if violation <= WITNESS:
+                assert np.isfinite(q[:2]).all()
+                footprint = replace(BOX, position=tuple(map(float, m[1, :2])), yaw=float(m[1, 2])).footprint
+                grown = Rectangle(region.position, (region.size[0] / 2 + 1e-5, region.size[1] / 2 + 1e-5), region.yaw)
+                assert inside(footprint, grown)
+                proved += 1
+    assert proved
