@@ -60,7 +60,7 @@ class Problem(NamedTuple):
     face_yaw: Array
     """(K,) yaw of the closing axis in the object's frame [rad]: eta pi / 2 (0 for a place)."""
     lower: Array
-    """(K, 4) lower bounds of the mode parameters (-inf: none)."""
+    """(K, 4) lower bounds of the mode parameters [m, pitch and yaw rad]; as good as none where they are -1000."""
     upper: Array
     """(K, 4) upper bounds; a parameter with lower = upper is pinned."""
     support: Array

@@ -1,8 +1,9 @@
-"""What "feasible" means, defined once: the largest violation of each kind, in metres and radians, against its
-tolerance.
+"""What "feasible" means of an NLP: the largest violation of each kind, in metres and radians, against its tolerance.
 
-Solver, data set, search and bench all use `measure_violations` and `is_feasible`. The largest single violation
-counts, never a sum of scaled terms: such a sum grows with the horizon."""
+Solver, data set, search and bench all use `measure_violations`. The largest single violation counts, never a sum of
+scaled terms: such a sum grows with the horizon. A lane is feasible when `ratio` is at most 1 and its last step was
+small (`dvr_jax.komo.augmented.judge`); a path, when its motion between the samples is too (`dvr_jax.komo.between`, with
+a tolerance of its own); and a motion is a solution when the independent check accepts it (`dvr_jax.check.replay`)."""
 
 from __future__ import annotations
 
@@ -18,7 +19,7 @@ from dvr_jax.robot.kinematics import load_arm
 
 POSITION_TOLERANCE = 1e-3
 """Largest distance between the switched object's positions under the old and the new mode; also of mode parameters
-from their bounds [m]."""
+from their bounds and of footprints from their support [m, of pitch and yaw rad]."""
 ROTATION_TOLERANCE = 1e-2
 """Largest angle between the switched object's orientations [rad]."""
 PENETRATION_TOLERANCE = 1e-3
@@ -41,7 +42,7 @@ class Violations(NamedTuple):
     joint_limit: Array
     """Excess over joint limits [rad]."""
     parameter: Array
-    """Excess of mode parameters over their bounds and of footprints over their support [m]."""
+    """Excess of mode parameters over their bounds and of footprints over their support [m, of pitch and yaw rad]."""
     rest: Array
     """Step of an arm into its switch [rad]; zero for keyframes."""
 
@@ -80,8 +81,3 @@ def rest_steps(problem: Problem, x: Variables) -> Array:
     S = x.q.shape[0] // x.m.shape[0]
     step = x.q[S - 1 :: S] - x.q[S - 2 :: S]
     return step * jnp.repeat(problem.resting, 7, axis=1)
-
-
-def is_feasible(violations: Violations) -> Array:
-    """True where every violation is within its tolerance."""
-    return violations.ratio() <= 1
