@@ -108,8 +108,8 @@ def capsule_prism(
     The distance of a point to a convex body is convex along the segment, so its minimum is bracketed by the sign of
     the slope: ``rounds`` pairs of one false-position and one bisection step, and one more false position. Outside,
     the slope of the squared distance to a box is piecewise linear and false position ends on its root exactly. An
-    error e in the position on the segment costs the order of e^2 in the distance outside, and of e inside. Where the capsule's *axis* enters
-    the prism, the depth is that of the axis' deepest point."""
+    error e in the position on the segment costs the order of e^2 in the distance outside, and of e inside. Where the
+    capsule's *axis* enters the prism, the depth is that of the axis' deepest point."""
     b0, d = materialize((rotate_back(R, a0 - p), rotate_back(R, a1 - a0)))
 
     def slope(t: Array) -> Array:

@@ -9,7 +9,16 @@ from arm_states import POSTURES, Floats, as_arms, matrices, sample_postures, set
 from dvr_jax.robot.kinematics import base_pose, capsule_segments, hand_pose, joint_screws, link_poses, load_arm
 from dvr_jax.scene.mjcf import CAPSULE_NAMES, build_model, qpos_layout
 from dvr_jax.scene.scene import Goal, Region, SceneObject, make_scene
-from dvr_jax.scene.workspace import ARM_NAMES, JOINT_LOWER, JOINT_UPPER
+from dvr_jax.scene.workspace import (
+    ARM_NAMES,
+    FINGER_OPEN,
+    FINGER_SPEED,
+    JOINT_ACCELERATION,
+    JOINT_LOWER,
+    JOINT_UPPER,
+    JOINT_VELOCITY,
+    MAXIMUM_OPENING,
+)
 
 SCENE = make_scene(
     [SceneObject("box", "box", (0.05, 0.1, 0.1), (0.0, 0.3), 0.3)], Goal("box", Region((0, 0), 0, (0.2, 0.2)))
@@ -45,8 +54,30 @@ def forward() -> Forward:
     return Forward()
 
 
-def test_joint_limits_are_the_makers() -> None:
-    np.testing.assert_array_equal(load_arm().joint_limits, [JOINT_LOWER, JOINT_UPPER])
+PUBLISHED_LIMITS = [
+    # lower [rad], upper [rad], speed [rad/s], acceleration [rad/s^2]
+    (-2.8973, 2.8973, 2.1750, 15.0),
+    (-1.7628, 1.7628, 2.1750, 7.5),
+    (-2.8973, 2.8973, 2.1750, 10.0),
+    (-3.0718, -0.0698, 2.1750, 12.5),
+    (-2.8973, 2.8973, 2.6100, 15.0),
+    (-0.0175, 3.7525, 2.6100, 20.0),
+    (-2.8973, 2.8973, 2.6100, 20.0),
+]
+"""Franka Control Interface documentation, Robot and interface specifications, joint space limits of the Panda."""
+
+
+def test_joint_limits_are_the_makers(model: mujoco.MjModel) -> None:
+    limits = np.array(PUBLISHED_LIMITS)
+    np.testing.assert_array_equal(load_arm().joint_limits, limits[:, :2].T)
+    np.testing.assert_array_equal([JOINT_LOWER, JOINT_UPPER, JOINT_VELOCITY, JOINT_ACCELERATION], limits.T)
+    for arm in ARM_NAMES:
+        ranges = [model.joint(f"{arm}/joint{number}").range for number in range(1, 8)]
+        np.testing.assert_array_equal(ranges, limits[:, :2])
+        fingers = [model.joint(f"{arm}/finger_joint_{side}").range for side in ("left", "right")]
+        np.testing.assert_array_equal(fingers, [(0.0, FINGER_OPEN)] * 2)
+    # Data sheet of the Franka Hand: grippers open 80 mm, fingers travel at 50 mm/s.
+    assert MAXIMUM_OPENING == 0.08 and FINGER_SPEED == 0.05
 
 
 def test_link_poses(model: mujoco.MjModel, forward: Forward) -> None:
