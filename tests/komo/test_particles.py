@@ -1,0 +1,44 @@
+"""What a particle proves holds in the NLP: keyframes whose violation is that of a witness are within all tolerances."""
+
+import jax
+import numpy as np
+import pytest
+
+from dvr_jax.bench.recall import PROBLEMS, read_problems
+from dvr_jax.komo.constraints import collect, lay_out
+from dvr_jax.komo.engine import extend_prefixes, stack
+from dvr_jax.komo.particles import case_of, empty_prefix
+from dvr_jax.komo.problem import Problem, Variables
+from dvr_jax.komo.slices import measure
+from dvr_jax.komo.transcription import transcribe
+from dvr_jax.komo.verdict import Violations, measure_violations
+from dvr_jax.search.tree import WITNESS
+
+
+@jax.jit
+def violations_of(problems: Problem, x: Variables) -> Violations:
+    measured = measure(lay_out(problems, x))
+    rows, _ = collect(problems, x, measured.distance, measured.hand_R, measured.hand_p, measured.screws)
+    return jax.vmap(measure_violations)(problems, x, rows)
+
+
+@pytest.mark.parametrize("length", [2, 4])
+def test_witnesses_are_feasible_keyframes(length: int) -> None:
+    """Of prefixes that random starts have found feasible: grasps, handovers and places of two boxes."""
+    cases: set[str] = set()
+    proved = 0
+    for scene, actions, row in read_problems(PROBLEMS):
+        if row["kind"] != "keyframes" or row["length"] != length or not row["feasible"]:
+            continue
+        particles = empty_prefix(len(scene.objects), length)
+        for number in range(1, length + 1):
+            problem = transcribe(scene, actions[:number])
+            particles = extend_prefixes([particles], [problem], seed=3)[0]
+            item = problem.switched_object[number - 1]
+            cases.add(case_of(int(problem.attachment[number - 1, item]), actions[number - 1].operator == "grasp"))
+        x = Variables(particles.q.astype(float), particles.m.astype(float))
+        violations = violations_of(stack([problem] * len(x.q)), x)
+        witness = particles.violation <= WITNESS
+        assert (np.asarray(violations.ratio())[witness] <= 1).all(), actions
+        proved += int(witness.sum())
+    assert proved > 50 and cases == {"grasp", "handover", "place"}
