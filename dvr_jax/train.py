@@ -14,6 +14,7 @@ from functools import partial
 import tyro
 
 from dvr_jax.dataset import load_examples
+from dvr_jax.dataset.examples import find_shards
 from dvr_jax.errors import run_command
 from dvr_jax.model.manifest import write_manifest
 from dvr_jax.model.network import NetworkConfig
@@ -40,7 +41,7 @@ def main() -> int:
         f"a target of 1 weighs {data.positive_weight:.2f}"
     )
     train(options, data, network, say)
-    write_manifest(options.out, data, sys.argv[1:])
+    write_manifest(options.out, data, sys.argv[1:], find_shards(options.data))
     say(f"written to {options.out}/")
     return 0
 

@@ -12,15 +12,16 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from dvr_jax.dataset.footer import versions
+from dvr_jax.dataset.footer import ShardInfo, versions
 from dvr_jax.files import write_whole
 from dvr_jax.model.export import load_weights
 from dvr_jax.model.history import read_history
 from dvr_jax.model.run import TrainingData
 
 
-def write_manifest(folder: Path, data: TrainingData, command: Sequence[str]) -> None:
-    """Command, options, versions, counts of the data, the last figures on held-out scenes, and the checksum."""
+def write_manifest(folder: Path, data: TrainingData, command: Sequence[str], shards: Sequence[ShardInfo]) -> None:
+    """Command, options, versions, counts of the data and the versions that labelled them, the last figures on held-out
+    scenes, and the checksum."""
     network = folder / "network.npz"
     weights, header = load_weights(network)
     drawn, examples = data.draws.rows, data.examples
@@ -36,6 +37,7 @@ def write_manifest(folder: Path, data: TrainingData, command: Sequence[str]) -> 
             "sequences": len(drawn),
             "feasible": len(data.draws.feasible),
         },
+        "labelled_by": sorted({info.footer.versions["dvr_jax"] for info in shards}),
         "held_out": measured[-1] if measured else None,
     }
     write_whole(folder / "manifest.json", (json.dumps(manifest, indent=1) + "\n").encode())

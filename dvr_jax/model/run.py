@@ -208,7 +208,7 @@ def train(options: TrainOptions, data: TrainingData, network: NetworkConfig, say
                 say(f"step {step:>7}  held out: " + "  ".join(f"{name} {value:.4f}" for name, value in figures.items()))
                 clock = time.monotonic()
             if step % options.checkpoint_every == 0 or step == options.steps:
-                _require_finite("norm of the weights", float(optax.global_norm(weights.parameters)), step)
+                _require_finite("norm of the weights", float(optax.tree.norm(weights.parameters)), step)
                 checkpoints.save(TrainingState(weights, optimizer, step, options.seed), header)
         records = history.records
     checkpoints.close()

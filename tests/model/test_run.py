@@ -14,8 +14,9 @@ import pytest
 from labelled import sided_examples
 from PIL import Image
 
+import dvr_jax
 from dvr_jax import train as command
-from dvr_jax.dataset import Examples
+from dvr_jax.dataset import Examples, write_shard
 from dvr_jax.errors import DvrError, run_command
 from dvr_jax.model.batches import assemble_batch
 from dvr_jax.model.export import load_weights
@@ -134,10 +135,13 @@ def test_command_trains_a_classifier_on_separate_held_out_scenes(
 ) -> None:
     held_out = sided_examples(3, 9)
 
-    def reader(paths: tuple[Path, ...]) -> Examples:
+    def reader(paths: tuple[Path, ...], completions: int, k_max: int) -> Examples:
+        assert (completions, k_max) == (3, 6)
         return held_out if paths == (Path("b"),) else EXAMPLES
 
+    labels = write_shard(tmp_path / "labels.parquet", {0: EXAMPLES.scenes[0]}, [], {"seed": 0})
     monkeypatch.setattr("dvr_jax.train.load_examples", reader)
+    monkeypatch.setattr("dvr_jax.train.find_shards", lambda paths: [labels])
     arguments = "--data a --validation b --kind classifier --image-size 8 --batch 8 --least-feasible 2"
     arguments += " --steps 4 --log-every 2 --checkpoint-every 4"
     monkeypatch.setattr(sys, "argv", ["train", *arguments.split(), "--out", str(tmp_path)])
@@ -149,6 +153,7 @@ def test_command_trains_a_classifier_on_separate_held_out_scenes(
     assert manifest["command"] == f"python -m dvr_jax.train {arguments} --out {tmp_path}"
     assert manifest["network"]["sha256"] == hashlib.sha256((tmp_path / "network.npz").read_bytes()).hexdigest()
     assert manifest["counts"] == {"scenes": 16, "sequences": 128, "feasible": 64}
+    assert manifest["labelled_by"] == [dvr_jax.__version__]
     last = read_history(tmp_path / "history.jsonl")[-1]
     assert manifest["held_out"] == last
     assert last.keys() == {"step", "validation/loss", "validation/average_precision"}
