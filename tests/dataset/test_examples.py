@@ -179,8 +179,8 @@ def test_many_objects_and_names_share_nothing(tmp_path: Path) -> None:
     scenes, labels = synthetic(0, 2, rows=30, objects=5)
     renamed = replace(
         scenes[1],
-        objects=tuple(replace(item, name=f"{item.name}, {i}") for i, item in enumerate(scenes[1].objects)),
-        goal=replace(scenes[1].goal, object=f"{scenes[1].goal.object}, {scenes[1].goal_index}"),
+        objects=tuple(replace(item, name=f"{item.name}; {i}") for i, item in enumerate(scenes[1].objects)),
+        goal=replace(scenes[1].goal, object=f"{scenes[1].goal.object}; {scenes[1].goal_index}"),
     )
     of_first = [label for label in labels if label.scene == 0]
     of_second = [

@@ -164,7 +164,7 @@ def test_command_trains_a_classifier_on_separate_held_out_scenes(
     [
         ("--least-feasible 49", "--least-feasible is 49; valid is 0 to 48, the batch."),
         ("--checkpoint-every 150", "--checkpoint-every is 150; valid is a multiple of --log-every 100."),
-        ("--scenes 0", "--scenes is 0; valid is 1 or more."),
+        ("--batch-scenes 0", "--batch-scenes is 0; valid is 1 or more."),
         ("--learning-rate 0", "--learning-rate is 0.0; valid is a positive number."),
         ("--image-size 2", "the images' size is 2 pixels; valid are multiples of 4 from 8 to 1024."),
         ("--held-out 1", "the held-out fraction is 1.0; valid is from 0 to below 1."),
@@ -174,7 +174,7 @@ def test_bad_options_end_with_one_sentence(
     option: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     examples = sided_examples(1, 0)
-    monkeypatch.setattr("dvr_jax.train.load_examples", lambda paths: examples)
+    monkeypatch.setattr("dvr_jax.train.load_examples", lambda paths, **options: examples)
     monkeypatch.setattr(sys, "argv", ["train", "--data", "a", "--out", str(tmp_path), *option.split()])
     with pytest.raises(SystemExit) as ended:
         run_command(command.main)
