@@ -9,6 +9,7 @@ print(result.status, *result.words, sep="\\n")
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -140,5 +141,10 @@ def plan(
         nlps=dict(tree.counts.nlps),
         verdicts=dict(tree.counts.verdicts),
         rejected=rejected,
-        options={"search": search, "k_max": k_max, "seed": seed, "time_limit": time_limit},
+        options={
+            "search": search,
+            "k_max": k_max,
+            "seed": seed,
+            "time_limit": time_limit if math.isfinite(time_limit) else None,
+        },
     )

@@ -51,7 +51,7 @@ from dvr_jax.komo.solver import CHUNK, Geometry, judge, lay_out_trial, measure_c
 from dvr_jax.komo.transcription import transcribe
 from dvr_jax.komo.verdict import PENETRATION_TOLERANCE
 from dvr_jax.logic import Action, Grounding
-from dvr_jax.scene.sampling import sample_scenes
+from dvr_jax.scene.sampling import scene_of_seed
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.tree import Node, SequenceTree
 from dvr_jax.search.work import run_alone
@@ -209,7 +209,7 @@ def compare(peer: PeerScene, actions: Sequence[Action], seed: int) -> dict[str, 
 
 def solve_scene(options: PeersOptions, index: int) -> list[dict[str, Any]]:
     """All problems of one scene."""
-    scene = list(sample_scenes(index + 1, 2, options.seed))[index]
+    scene = scene_of_seed(options.seed, index, 2)
     generator = np.random.default_rng([options.seed, index])
     tree = SequenceTree(scene, max(LENGTHS), options.seed)
     peer = build_peer_scene(scene)

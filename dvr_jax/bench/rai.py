@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from dvr_jax.errors import DvrError
 from dvr_jax.komo.problem import HELD_LEFT, Problem, Variables
 from dvr_jax.komo.transcription import GRASP_MARGIN, PITCH_LIMIT
-from dvr_jax.logic import ARMS, FACES, Action
+from dvr_jax.logic import ARMS, FACES, Action, object_of
 from dvr_jax.robot.kinematics import base_pose, load_arm
 from dvr_jax.scene.types import Scene, SceneObject
 from dvr_jax.scene.workspace import ARM_NAMES, FINGER_OPEN, NUMBER_OF_JOINTS, TABLE_HALF_EXTENTS
@@ -242,14 +242,10 @@ def _givers(actions: Sequence[Action]) -> list[int | None]:
     holders: dict[str, int | None] = {}
     givers = []
     for action in actions:
-        arm, name = ARMS.index(action.arguments[0]), _object_of(action)
+        arm, name = ARMS.index(action.arguments[0]), object_of(action)
         givers.append(holders.get(name))
         holders[name] = arm if action.operator == "grasp" else None
     return givers
-
-
-def _object_of(action: Action) -> str:
-    return action.arguments[2] if action.operator == "grasp" else action.arguments[1]
 
 
 def _add_constraints(ry: Any, komo: Any, peer: PeerScene, actions: Sequence[Action]) -> None:
@@ -257,9 +253,9 @@ def _add_constraints(ry: Any, komo: Any, peer: PeerScene, actions: Sequence[Acti
     komo.addObjective([], ry.FS.jointLimits, [], ry.OT.ineq, [1e0])
     moved: set[str] = set()
     for k, action in enumerate(actions, start=1):
-        name = _object_of(action)
+        name = object_of(action)
         n = peer.scene.object_index(name)
-        ends = [j for j, other in enumerate(actions, start=1) if j > k and _object_of(other) == name]
+        ends = [j for j, other in enumerate(actions, start=1) if j > k and object_of(other) == name]
         times = [float(k), float(ends[0]) if ends else -1.0]
         gripper, body = gripper_frame(ARMS.index(action.arguments[0])), object_frame(n)
         if action.operator == "grasp":

@@ -22,7 +22,7 @@ from dvr_jax.errors import DvrError
 from dvr_jax.model.predictor import SHIPPED, Predictor, load_network
 from dvr_jax.planner import plan
 from dvr_jax.processes import worker_processes
-from dvr_jax.scene.sampling import SceneDistribution, ShapeChoice, sample_scenes
+from dvr_jax.scene.sampling import SceneDistribution, ShapeChoice, scene_of_seed
 from dvr_jax.scene.types import Scene
 from dvr_jax.scene.workspace import MAXIMUM_OBJECTS
 from dvr_jax.search.run import EXHAUSTED
@@ -73,8 +73,7 @@ class ScenesOptions:
 
 
 def _scene(options: ScenesOptions, index: int) -> Scene:
-    distribution = SceneDistribution(shape=options.shape)
-    return list(sample_scenes(index + 1, options.objects, options.seed, distribution))[index]
+    return scene_of_seed(options.seed, index, options.objects, SceneDistribution(shape=options.shape))
 
 
 @lru_cache(maxsize=1)

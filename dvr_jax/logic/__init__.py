@@ -4,11 +4,12 @@ from dvr_jax.logic.domain import domain_signature
 from dvr_jax.logic.errors import SymbolicError
 from dvr_jax.logic.grounding import Action, Fact, Grounding
 from dvr_jax.logic.sequences import count_sequences, enumerate_sequences
-from dvr_jax.logic.task import ARMS, FACES, describe, ground_actions
+from dvr_jax.logic.task import ARMS, FACES, OBJECT_ARGUMENT, describe, ground_actions, object_of
 
 __all__ = [
     "ARMS",
     "FACES",
+    "OBJECT_ARGUMENT",
     "Action",
     "Fact",
     "Grounding",
@@ -18,4 +19,5 @@ __all__ = [
     "domain_signature",
     "enumerate_sequences",
     "ground_actions",
+    "object_of",
 ]

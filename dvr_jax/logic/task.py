@@ -25,6 +25,14 @@ PHRASES = {
 }
 """Operator name to words, with the places of its arguments; an operator without an entry is printed as it is."""
 
+OBJECT_ARGUMENT = {"grasp": 2, "place": 1}
+"""Operator name to the place of the object among its arguments."""
+
+
+def object_of(action: Action) -> str:
+    """The object that an action moves from one holder or support to another."""
+    return action.arguments[OBJECT_ARGUMENT[action.operator]]
+
 
 def ground_actions(
     objects: Sequence[str], goal_object: str, arms: Sequence[str] = ARMS, domain_file: Path | None = None

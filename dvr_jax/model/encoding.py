@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvr_jax.errors import DvrError
-from dvr_jax.logic import ARMS, FACES, Grounding, domain_signature
+from dvr_jax.logic import ARMS, FACES, OBJECT_ARGUMENT, Grounding, domain_signature
 from dvr_jax.logic.errors import listed
 from dvr_jax.scene.types import Scene, SceneObject
 
@@ -31,9 +31,6 @@ DIRECTIONS = ("east", "north", "west", "south")
 """Where a face may look: +x, +y, -x, -y of the world, within 45 degrees."""
 
 SUPPORTS = ("table", "goal")
-
-OBJECT_ARGUMENT = {"grasp": 2, "place": 1}
-"""Operator name to the place of the object among its arguments."""
 
 SYMBOLS: tuple[Symbol, ...] = (*product(("grasp",), ARMS, DIRECTIONS), *product(("place",), ARMS, SUPPORTS))
 """All symbols; the place of one in this list is its code."""

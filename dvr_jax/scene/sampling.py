@@ -68,9 +68,14 @@ def sample_scenes(
     if seed < 0:
         raise DvrError(f"the seed is {seed}; valid is 0 or more.")
     _validate_request(number_of_objects, distribution)
-    return (
-        sample_scene(np.random.default_rng([seed, index]), number_of_objects, distribution) for index in range(number)
-    )
+    return (scene_of_seed(seed, index, number_of_objects, distribution) for index in range(number))
+
+
+def scene_of_seed(
+    seed: int, index: int, number_of_objects: int, distribution: SceneDistribution = DEFAULT_DISTRIBUTION
+) -> Scene:
+    """Scene `index` of a seed."""
+    return sample_scene(np.random.default_rng([seed, index]), number_of_objects, distribution)
 
 
 def sample_scene(

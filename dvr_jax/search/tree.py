@@ -32,7 +32,7 @@ from dvr_jax.komo.engine import (
 from dvr_jax.komo.particles import UNREACHABLE, Particles, empty_prefix
 from dvr_jax.komo.problem import ABSENT, Problem
 from dvr_jax.komo.transcription import is_duplicate, refute, transcribe
-from dvr_jax.logic import Action, Grounding, ground_actions
+from dvr_jax.logic import Action, Grounding, ground_actions, object_of
 from dvr_jax.scene.mjcf import require_free_home
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.work import Extend, Solve, Steps
@@ -241,9 +241,9 @@ class SequenceTree:
 
     def _chain(self, node: Node) -> _PoseKey:
         """Actions on the object of the node's last action, and the objects that others have moved meanwhile."""
-        name = _object_of(node.actions[-1])
-        chain = tuple(action for action in node.actions if _object_of(action) == name)
-        return chain, frozenset(_object_of(action) for action in node.actions) - {name}
+        name = object_of(node.actions[-1])
+        chain = tuple(action for action in node.actions if object_of(action) == name)
+        return chain, frozenset(object_of(action) for action in node.actions) - {name}
 
     def look_at_the_clock(self) -> None:
         """Raise OutOfTime past the deadline."""
@@ -325,7 +325,3 @@ class SequenceTree:
 def _is_reached(node: Node) -> bool:
     """Whether inverse kinematics found all postures of some particle."""
     return node.particles is not None and bool(node.particles.violation.min() < UNREACHABLE)
-
-
-def _object_of(action: Action) -> str:
-    return action.arguments[2] if action.operator == "grasp" else action.arguments[1]
