@@ -1,6 +1,6 @@
 """The independent check of a plan: every sample of its motion is replayed in MuJoCo C and held against the actions.
 
-The actions are walked once to know who holds what from which switch to which (`_Span`); all else is read from MuJoCo's
+The actions are walked once to know who holds what from which switch to which (`Span`); all else is read from MuJoCo's
 own kinematics and collisions. Neither the optimiser's kinematics nor its distances are used. Metres, radians, seconds.
 An object is *held* from its grasp's switch to the sample before its release, and *stands* in all others. Whatever
 touches, a gripper and what it holds included, may do so only to `DEEPEST_CONTACT`; where a motion passes by something
@@ -10,14 +10,16 @@ friction; a grasp carries because its fingers are closed.
 
 import copy
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from dvr_jax.check import CheckReport, Finding, FindingLog, describe
+from dvr_jax.check.contacts import Carried, find_contacts
 from dvr_jax.check.motion import Motion, validate_motion
+from dvr_jax.check.story import Span, next_span, tell_story
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import FACES, Action
 from dvr_jax.scene.mjcf import build_model, home_qpos, object_body_name, qpos_layout
@@ -40,8 +42,6 @@ Floats = NDArray[np.float64]
 
 DEEPEST_CONTACT = 3e-3
 """Deepest penetration, m."""
-STEP_LENGTH = 0.01
-"""Where two things may meet between two samples, states are looked at between which they move no more than this, m."""
 LIMIT_TOLERANCE = 1e-3
 """Largest excess over a joint limit, rad; also the largest deviation from the home posture."""
 FINGER_TOLERANCE = 1e-4
@@ -75,7 +75,7 @@ def check_motion(scene: Scene, actions: Sequence[Action], motion: Motion) -> Che
     """
     _validate_fit(scene, actions, motion)
     last = len(motion.time) - 1
-    story = _tell_story(scene, actions, last + 1, motion.switch)
+    story = tell_story(scene, actions, last + 1, motion.switch)
     log = FindingLog(motion.time)
     replay, deepest = _replay(scene, motion, story, log)
     _check_joints(motion, home_qpos(scene), log)
@@ -84,7 +84,7 @@ def check_motion(scene: Scene, actions: Sequence[Action], motion: Motion) -> Che
     for span in story:
         if span.arm >= 0:
             _check_grasp(scene, span, replay, log)
-            _check_grip(scene, motion, span, _next_span(story, span), replay, log)
+            _check_grip(scene, motion, span, next_span(story, span), replay, log)
             if span.end > last and span.object == scene.goal_index:
                 log.add("goal held", last, (_label(scene, span.object), ARM_NAMES[span.arm]), 1.0, 0.0)
         elif span.support:
@@ -93,19 +93,6 @@ def check_motion(scene: Scene, actions: Sequence[Action], motion: Motion) -> Che
     _check_support(scene, scene.goal_index, "goal", last, replay, log)
     findings = tuple(sorted(log.worst.values(), key=lambda finding: (finding.time, finding.kind, finding.names)))
     return CheckReport(not findings, findings, deepest, last + 1, float(motion.time[-1] - motion.time[0]))
-
-
-@dataclass(frozen=True, slots=True)
-class _Span:
-    """Samples start to end - 1, in which an object is held by an arm or stands on a support."""
-
-    object: int
-    start: int
-    end: int
-    arm: int = -1
-    face: str = ""
-    support: str = ""
-    """Where a place has put it; empty for one that stands where the scene has it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,39 +126,7 @@ def _validate_fit(scene: Scene, actions: Sequence[Action], motion: Motion) -> No
         )
 
 
-def _tell_story(scene: Scene, actions: Sequence[Action], end: int, switch: NDArray[np.int64]) -> tuple[_Span, ...]:
-    """Each object's spans over samples 0 to end - 1, without gaps; DvrError for an action that does not apply."""
-    indices = {item.name: index for index, item in enumerate(scene.objects)}
-    done: list[_Span] = []
-    now = {index: _Span(index, 0, end) for index in indices.values()}  # one span of each object is open
-    for number, (action, sample) in enumerate(zip(actions, switch.tolist(), strict=True), start=1):
-        held_by = {span.arm: index for index, span in now.items() if span.arm >= 0}
-        match action:
-            case Action("grasp", (arm, face, name)) if arm in ARM_NAMES and face in FACES and name in indices:
-                if ARM_NAMES.index(arm) in held_by:
-                    raise DvrError(f"action {number}, {action}: {arm} already holds an object; its hand must be empty.")
-                span = _Span(indices[name], sample, end, ARM_NAMES.index(arm), face)
-            case Action("place", (arm, name, support)) if name in indices and support in ("table", "goal"):
-                if arm not in ARM_NAMES or held_by.get(ARM_NAMES.index(arm)) != indices[name]:
-                    raise DvrError(f"action {number}, {action}: {arm} does not hold {name}, so it cannot place it.")
-                span = _Span(indices[name], sample, end, support=support)
-            case _:
-                raise DvrError(
-                    f"action {number}, {action}: valid are grasp(arm, face, object) and place(arm, object, support) "
-                    f"with arms {', '.join(ARM_NAMES)}; faces {', '.join(FACES)}; objects {', '.join(indices)}; "
-                    "supports table, goal."
-                )
-        done.append(replace(now[span.object], end=sample))
-        now[span.object] = span
-    return tuple(sorted((*done, *now.values()), key=lambda span: (span.start, span.object)))
-
-
-def _next_span(story: tuple[_Span, ...], span: _Span) -> _Span | None:
-    """Who has the object after a span."""
-    return next((other for other in story if other.object == span.object and other.start == span.end), None)
-
-
-def _replay(scene: Scene, motion: Motion, story: tuple[_Span, ...], log: FindingLog) -> tuple[_Replay, float]:
+def _replay(scene: Scene, motion: Motion, story: tuple[Span, ...], log: FindingLog) -> tuple[_Replay, float]:
     """All poses, and the deepest penetration (m) of anything."""
     model = copy.copy(build_model(scene))
     data = mujoco.MjData(model)
@@ -187,13 +142,12 @@ def _replay(scene: Scene, motion: Motion, story: tuple[_Span, ...], log: Finding
         for kept, values in zip(poses, state, strict=True):
             kept[sample] = values
     position, rotation, site_position, site_rotation, geom_position, geom_rotation = poses
-    # How far any point of a geom goes in a step, at most.
-    reach = np.linalg.norm(np.diff(geom_position, axis=0), axis=-1)
-    reach += np.linalg.norm(np.diff(geom_rotation, axis=0), axis=-1) / np.sqrt(2) * model.geom_rbound
-    farthest = np.pad(reach.max(axis=1), 1)
-    contacts = _Contacts.of(model, data, motion.qpos, np.arange(T), np.maximum(farthest[:-1], farthest[1:]))
-    between, steps = _states_between(motion, _pieces(model, bodies, story, contacts, reach))
-    contacts = contacts.and_those_of(_Contacts.of(model, data, between, steps, np.zeros(len(steps))))
+    carried = [
+        Carried(bodies[span.object], model.body(f"{ARM_NAMES[span.arm]}/hand").id, span.start, span.end)
+        for span in story
+        if span.arm >= 0
+    ]
+    contacts = find_contacts(model, motion, geom_position, geom_rotation, carried)
 
     labels = {body: model.body(body).name for body in range(model.nbody)}
     labels.update({body: _label(scene, index) for index, body in enumerate(bodies)})
@@ -207,78 +161,6 @@ def _replay(scene: Scene, motion: Motion, story: tuple[_Span, ...], log: Finding
         site_position[:, sites],
         site_rotation[:, sites].reshape(T, -1, 3, 3),
     ), max(0.0, -float(contacts.distance.min(initial=0.0)))
-
-
-@dataclass(frozen=True, slots=True)
-class _Contacts:
-    """C pairs of geoms that touch or are near."""
-
-    sample: NDArray[np.int64]
-    """(C,)."""
-    distance: Floats
-    """(C,), negative where they penetrate, m."""
-    geoms: NDArray[np.int32]
-    """(C, 2)."""
-
-    @staticmethod
-    def of(
-        model: mujoco.MjModel, data: mujoco.MjData, states: Floats, samples: NDArray[np.int64], margins: Floats
-    ) -> "_Contacts":
-        """Of states (S, nq), told as those of samples (S,); what is nearer than a margin (S,) [m] is a contact."""
-        sample, distance, geoms = [np.empty(0, np.int64)], [np.empty(0)], [np.empty((0, 2), np.int32)]
-        for number, qpos, margin in zip(samples, states, margins, strict=True):
-            data.qpos[:], model.geom_margin[:] = qpos, margin
-            mujoco.mj_kinematics(model, data)
-            mujoco.mj_collision(model, data)
-            if data.ncon:
-                sample.append(np.full(data.ncon, number))
-                distance.append(np.array(data.contact.dist))
-                geoms.append(np.array(data.contact.geom))
-        return _Contacts(np.concatenate(sample), np.concatenate(distance), np.concatenate(geoms))
-
-    def and_those_of(self, other: "_Contacts") -> "_Contacts":
-        """Both."""
-        return _Contacts(
-            np.concatenate([self.sample, other.sample]),
-            np.concatenate([self.distance, other.distance]),
-            np.concatenate([self.geoms, other.geoms]),
-        )
-
-
-def _pieces(
-    model: mujoco.MjModel, bodies: list[int], story: tuple[_Span, ...], contacts: _Contacts, reach: Floats
-) -> NDArray[np.int64]:
-    """Into how many pieces each step (T - 1,) is divided, so that nothing is missed between two samples; `reach`
-    (T - 1, G) is how far a geom goes in a step."""
-    steps = len(reach)
-    pieces = np.ones(steps, np.int64)
-    body = model.geom_bodyid[contacts.geoms]
-    together = np.zeros(len(body), bool)
-    for span in story:
-        if span.arm >= 0:
-            hand = model.body(f"{ARM_NAMES[span.arm]}/hand").id
-            gripper = ((body == hand) | (model.body_parentid[body] == hand)).any(axis=1)
-            held = (contacts.sample >= span.start) & (contacts.sample < span.end)
-            together |= held & gripper & (body == bodies[span.object]).any(axis=1)
-    for step in (contacts.sample - 1, contacts.sample):
-        valid = (step >= 0) & (step < steps) & ~together
-        both = np.zeros(len(step))
-        both[valid] = reach[step[valid, None], contacts.geoms[valid]].sum(axis=1)
-        # Whatever is between two samples is no farther from one of them than half of the way.
-        near = valid & (both > STEP_LENGTH) & (contacts.distance < both / 2)
-        np.maximum.at(pieces, step[near], np.ceil(both[near] / STEP_LENGTH).astype(np.int64))
-    return pieces
-
-
-def _states_between(motion: Motion, pieces: NDArray[np.int64]) -> tuple[Floats, NDArray[np.int64]]:
-    """States (S, nq) that divide each step into its pieces, on straight lines, and the samples (S,) behind them."""
-    step = np.repeat(np.arange(len(pieces)), pieces - 1)
-    number = np.arange(len(step)) - np.repeat(np.cumsum(pieces - 1) - (pieces - 1), pieces - 1)
-    share = ((number + 1) / pieces[step])[:, None]
-    before, after = motion.qpos[step], motion.qpos[step + 1].copy()
-    for columns in qpos_layout((motion.qpos.shape[1] - qpos_layout(0).size) // 7).objects[:, 3:]:
-        after[:, columns] *= np.where((before[:, columns] * after[:, columns]).sum(axis=1) < 0, -1.0, 1.0)[:, None]
-    return before + share * (after - before), step + 1  # MuJoCo normalizes quaternions
 
 
 def _check_joints(motion: Motion, home: Floats, log: FindingLog) -> None:
@@ -302,7 +184,7 @@ def _check_joints(motion: Motion, home: Floats, log: FindingLog) -> None:
             log.add_worst("finger speed", 1, names, np.abs(np.diff(travel)) / motion.step, ROUNDING * FINGER_SPEED)
 
 
-def _check_switches(motion: Motion, story: tuple[_Span, ...], log: FindingLog) -> None:
+def _check_switches(motion: Motion, story: tuple[Span, ...], log: FindingLog) -> None:
     """That arms rest as they take or give."""
     joints = qpos_layout(0).arm_joints
     for span in story:
@@ -316,7 +198,7 @@ def _check_switches(motion: Motion, story: tuple[_Span, ...], log: FindingLog) -
                 log.add("switch speed", span.start, names, float(speeds.max()), SWITCH_SPEED)
 
 
-def _check_objects(scene: Scene, motion: Motion, story: tuple[_Span, ...], replay: _Replay, log: FindingLog) -> None:
+def _check_objects(scene: Scene, motion: Motion, story: tuple[Span, ...], replay: _Replay, log: FindingLog) -> None:
     """The start, jumps, standing objects that move, held objects that slip."""
     for index, item in enumerate(scene.objects):
         label, p, R = _label(scene, index), replay.object_position[:, index], replay.object_rotation[:, index]
@@ -344,7 +226,7 @@ def _check_objects(scene: Scene, motion: Motion, story: tuple[_Span, ...], repla
         log.add_worst(f"{kind} turn", span.start, names, _angle(R, R[0]), TURN)
 
 
-def _check_grasp(scene: Scene, grip: _Span, replay: _Replay, log: FindingLog) -> None:
+def _check_grasp(scene: Scene, grip: Span, replay: _Replay, log: FindingLog) -> None:
     """The gripper's centre, its closing axis and the object's width between the fingers, at the switch."""
     item, names = scene.objects[grip.object], (_label(scene, grip.object), ARM_NAMES[grip.arm])
     R = replay.object_rotation[grip.start, grip.object]
@@ -367,9 +249,7 @@ def _check_grasp(scene: Scene, grip: _Span, replay: _Replay, log: FindingLog) ->
     log.add("width", grip.start, names, float(width), MAXIMUM_OPENING + CENTRE_TOLERANCE)
 
 
-def _check_grip(
-    scene: Scene, motion: Motion, span: _Span, after: _Span | None, replay: _Replay, log: FindingLog
-) -> None:
+def _check_grip(scene: Scene, motion: Motion, span: Span, after: Span | None, replay: _Replay, log: FindingLog) -> None:
     """That fingers are closed on what they hold; at the end of a span they may open once the object stands where it
     will, or another gripper has closed on it."""
     within = slice(span.start, span.end)
@@ -385,7 +265,7 @@ def _check_grip(
     log.add_worst("grip", span.start, names, np.where(excused, 0.0, loose), GRIP_TOLERANCE)
 
 
-def _looseness(scene: Scene, motion: Motion, span: _Span) -> Floats:
+def _looseness(scene: Scene, motion: Motion, span: Span) -> Floats:
     """How far the fingers of a span's arm are from closed on its object (T,), m: the worse of both."""
     item = scene.objects[span.object]
     half = item.half_extents[FACES.index(span.face) % 2] if item.shape == "box" else item.half_extents[0]
