@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 
-from dvr_jax.bench import labels, peers, recall, scenes, search, speed, table_one
+from dvr_jax.bench import drawn, labels, peers, recall, scenes, search, speed, table_one
 from dvr_jax.errors import DvrError, run_command
 
 BENCHMARKS: dict[str, tuple[Callable[[list[str]], int], str]] = {
@@ -16,6 +16,7 @@ BENCHMARKS: dict[str, tuple[Callable[[list[str]], int], str]] = {
     "oracle": (recall.run_oracle, "draw such problems, each judged from 64 random starts (hours)"),
     "labels": (labels.run, "labels of a sweep against 64 random starts (hours)"),
     "speed": (speed.run, "times of a slice's system, of keyframes and of paths"),
+    "drawn": (drawn.run, "how deep drawn links get into what plans keep their capsules clear of"),
     "peers": (peers.run, "the same problems solved by `robotic`"),
 }
 
