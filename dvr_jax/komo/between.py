@@ -7,6 +7,8 @@ and the solver goes on from where it is."""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
@@ -52,35 +54,54 @@ def even_shares(T: int) -> Floats:
     return np.tile(np.arange(1, PATH_SAMPLES + 1) / PATH_SAMPLES, (T, 1))
 
 
-def depths_between(problems: Problem, lanes: Lane) -> Floats:
-    """Deepest penetrations (B, T, R - 1) [m] of lanes' points at the times 1/R, ..., (R - 1)/R of each interval,
-    R = `SAMPLES_PER_SLICE`."""
+class Looks(NamedTuple):
+    """What lanes' motions are seen to do at L times of each interval."""
+
+    share: Floats
+    """(B, T, L) of the interval, 0 to 1."""
+    depth: Floats
+    """(B, T, L) deepest penetration of anything, negative where all is clear [m]."""
+
+
+def look_between(problems: Problem, lanes: Lane) -> Looks:
+    """Penetrations at the times 1/R, ..., (R - 1)/R of each interval, R = `SAMPLES_PER_SLICE`, and in the middle of
+    those `PATH_SAMPLES` of the gaps between them whose ends are deepest: a finger can pass an object's edge in one."""
     B, T, M = problems.share.shape
+    even = np.arange(1, SAMPLES_PER_SLICE) / SAMPLES_PER_SLICE
+    looks = [_look(problems, lanes, np.broadcast_to(part, (B, T, M))) for part in even.reshape(-1, M)]
+    depth = np.concatenate([look.depth for look in looks], axis=2)
+    ends = np.pad(depth, ((0, 0), (0, 0), (1, 1)), mode="edge")
+    deepest = np.argsort(-(ends[..., :-1] + ends[..., 1:]), axis=2, kind="stable")[..., :M]
+    looks.append(_look(problems, lanes, (np.sort(deepest, axis=2) + 0.5) / SAMPLES_PER_SLICE))
+    share, depth = (np.concatenate([look[part] for look in looks], axis=2) for part in range(2))
+    return Looks(share, depth)
+
+
+def _look(problems: Problem, lanes: Lane, share: Floats) -> Looks:
+    """At as many times as the NLP has samples, so that the solver's compiled programs serve."""
+    B, T, M = share.shape
     lanes = lanes._replace(step=lanes.step._replace(q=np.zeros_like(lanes.x.q), m=np.zeros_like(lanes.x.m)))
-    depths = []
-    # M at a time, so that the compiled programs of the solver serve.
-    for first in range(1, SAMPLES_PER_SLICE, M):
-        share = np.tile(np.minimum(np.arange(first, first + M), SAMPLES_PER_SLICE) / SAMPLES_PER_SLICE, (T, 1))
-        placed = [place_samples(Problem(*(leaf[b] for leaf in problems)), lanes.x.q[b], share) for b in range(B)]
-        batch = problems._replace(
-            share=np.stack([problem.share for problem in placed]), offset=np.stack([p.offset for p in placed])
-        )
-        distance = [np.asarray(measure_chunk(chunk).distance).min(axis=1) for chunk in lay_out_trial(batch, lanes)]
-        depths.append(-np.concatenate(distance)[: B * T * M].reshape(B, T, M))
-    return np.maximum(np.concatenate(depths, axis=2)[..., : SAMPLES_PER_SLICE - 1], 0)
+    placed = [place_samples(Problem(*(leaf[b] for leaf in problems)), lanes.x.q[b], share[b]) for b in range(B)]
+    batch = problems._replace(
+        share=np.stack([problem.share for problem in placed]), offset=np.stack([p.offset for p in placed])
+    )
+    distance = [np.asarray(measure_chunk(chunk).distance).min(axis=1) for chunk in lay_out_trial(batch, lanes)]
+    return Looks(share, -np.concatenate(distance)[: B * T * M].reshape(B, T, M))
 
 
-def move_samples(problem: Problem, q: Floats, depth: Floats) -> Problem:
+def move_samples(problem: Problem, q: Floats, share: Floats, depth: Floats) -> Problem:
     """The NLP with its samples on the motion through q (T, 14), and where that penetrates too deep, the sample of that
     part of the interval moved to the deepest place.
 
     Args:
-        depth: (T, R - 1) of `depths_between`.
+        share, depth: (T, L) of this lane's `Looks`.
     """
-    share = np.array(problem.share)
-    zones = np.array_split(np.arange(SAMPLES_PER_SLICE - 1), share.shape[1] - 1)
-    for sample, zone in enumerate(zones):
-        within = depth[:, zone]
-        moved = within.max(axis=1) > BETWEEN_TOLERANCE
-        share[moved, sample] = (zone[within.argmax(axis=1)[moved]] + 1) / SAMPLES_PER_SLICE
-    return place_samples(problem, q, share)
+    moved = np.array(problem.share)
+    parts = moved.shape[1] - 1  # the last sample stays at the slice
+    rows = np.arange(len(moved))
+    for part in range(parts):
+        within = np.where((share > part / parts) & (share <= (part + 1) / parts), depth, -np.inf)
+        deepest = within.argmax(axis=1)
+        too_deep = within[rows, deepest] > BETWEEN_TOLERANCE
+        moved[too_deep, part] = share[rows, deepest][too_deep]
+    return place_samples(problem, q, moved)

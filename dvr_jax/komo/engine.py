@@ -18,8 +18,8 @@ from dvr_jax.komo.augmented import FEASIBLE, ITERATION_LIMIT, RUNNING, Lane, Set
 from dvr_jax.komo.between import (
     BETWEEN_TOLERANCE,
     EXCHANGES,
-    depths_between,
     even_shares,
+    look_between,
     move_samples,
     place_samples,
 )
@@ -140,17 +140,18 @@ def solve(problems: Sequence[Problem], starts: Sequence[Variables], settings: Se
         found = [lane for lane in ended if status[lane] == FEASIBLE] if is_path else []
         if found:
             states = jax.tree.map(np.array, states)
-            depths = depths_between(batch, states)
+            looks = look_between(batch, states)
+            depths = looks.depth.max(axis=(1, 2))
             for lane in found:
-                if depths[lane].max() <= BETWEEN_TOLERANCE:
+                if depths[lane] <= BETWEEN_TOLERANCE:
                     continue
                 if exchanges[lane] == EXCHANGES:
-                    states.report.penetration[lane], states.status[lane] = depths[lane].max(), ITERATION_LIMIT
+                    states.report.penetration[lane], states.status[lane] = depths[lane], ITERATION_LIMIT
                     continue
                 exchanges[lane] += 1
                 spent[lane] += states.iterations[lane]
                 problem = jax.tree.map(lambda leaf, lane=lane: leaf[lane], batch)
-                moved = move_samples(problem, states.x.q[lane], depths[lane])
+                moved = move_samples(problem, states.x.q[lane], looks.share[lane], looks.depth[lane])
                 batch.share[lane], batch.offset[lane] = moved.share, moved.offset
                 _go_on(states, lane, settings)
             status = states.status

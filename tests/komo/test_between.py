@@ -12,14 +12,16 @@ from scipy.interpolate import PchipInterpolator
 from dvr_jax.bench.recall import PROBLEMS, judge_prefix, read_problems
 from dvr_jax.check import CheckReport
 from dvr_jax.check.replay import DEEPEST_CONTACT, check_motion
-from dvr_jax.komo import engine
+from dvr_jax.komo import engine, interpolation
 from dvr_jax.komo.augmented import FEASIBLE, ITERATION_LIMIT
 from dvr_jax.komo.between import (
     BETWEEN_TOLERANCE,
     PATH_SAMPLES,
-    depths_between,
+    SAMPLES_PER_SLICE,
+    Looks,
     even_shares,
     joint_curve,
+    look_between,
     move_samples,
 )
 from dvr_jax.komo.engine import STEPS_PER_PHASE, Solved, keyframe_start, path_problem, path_start
@@ -43,16 +45,16 @@ def handover(request: pytest.FixtureRequest) -> tuple[Scene, SequenceTree, Node]
 
 
 @pytest.fixture
-def depths(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[float]]:
-    """The deepest penetration between slices, each time that a solver looks [m]."""
-    seen: list[float] = []
+def looks(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Looks]]:
+    """What a solver sees between slices, each time that it looks."""
+    seen: list[Looks] = []
 
     def look(*arguments):
-        found = depths_between(*arguments)
-        seen.append(float(found.max()))
+        found = look_between(*arguments)
+        seen.append(found)
         return found
 
-    monkeypatch.setattr(engine, "depths_between", look)
+    monkeypatch.setattr(engine, "look_between", look)
     yield seen
 
 
@@ -62,32 +64,36 @@ def replay(scene: Scene, node: Node, path: Solved) -> CheckReport:
 
 
 def test_a_path_that_penetrates_between_its_samples_is_not_feasible(
-    handover: tuple[Scene, SequenceTree, Node], depths: list[float], monkeypatch: pytest.MonkeyPatch
+    handover: tuple[Scene, SequenceTree, Node], looks: list[Looks], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(engine, "EXCHANGES", 0)
     scene, tree, node = handover
     path = run_alone(tree.solve_path(node, 0))
-    assert depths[-1] > DEEPEST_CONTACT
+    (share,), (depth,) = (part[:1] for part in looks[-1])
+    assert depth.max() > DEEPEST_CONTACT
     assert not path.feasible and path.status == ITERATION_LIMIT and path.ratio > 1
     assert node.problem is not None
+    # Looks lie at twentieths of an interval.
+    monkeypatch.setattr(interpolation, "SAMPLES_PER_SLICE", 2 * SAMPLES_PER_SLICE)
+    states = interpolate(scene, node.problem, path.q, path.m).qpos
     model = build_model(scene)
-    data, deepest = mujoco.MjData(model), 0.0
-    for qpos in interpolate(scene, node.problem, path.q, path.m).qpos:
-        data.qpos[:] = qpos
+    data = mujoco.MjData(model)
+    for t, look in np.argwhere(depth > 1e-4):
+        data.qpos[:] = states[round((t + share[t, look]) * 2 * SAMPLES_PER_SLICE)]
         mujoco.mj_kinematics(model, data)
         mujoco.mj_collision(model, data)
-        deepest = max(deepest, -float(data.contact.dist.min(initial=0.0)))
-    assert depths[-1] == pytest.approx(deepest, abs=1e-9)
+        assert depth[t, look] == pytest.approx(-data.contact.dist.min(), abs=1e-9)
+    monkeypatch.undo()
     report = replay(scene, node, path)
-    assert not report.passed and report.deepest_penetration >= deepest
+    assert not report.passed and report.deepest_penetration > DEEPEST_CONTACT
 
 
 def test_exchanged_samples_end_in_a_motion_without_penetration(
-    handover: tuple[Scene, SequenceTree, Node], depths: list[float]
+    handover: tuple[Scene, SequenceTree, Node], looks: list[Looks]
 ) -> None:
     scene, tree, node = handover
     path = run_alone(tree.solve_path(node, 0))
-    assert len(depths) > 1 and depths[0] > DEEPEST_CONTACT
+    assert len(looks) > 1 and looks[0].depth.max() > DEEPEST_CONTACT
     assert path.feasible and path.status == FEASIBLE and path.ratio <= 1
     assert replay(scene, node, path).deepest_penetration <= BETWEEN_TOLERANCE
 
@@ -128,13 +134,16 @@ def test_samples_move_to_the_deepest_place_of_their_part_and_lie_on_the_motion(
     problem, T = transcribe(scene, node.actions), 20
     q = problem.home + np.random.default_rng(0).normal(size=(T, 14)) * 0.3
     problem = problem._replace(share=even_shares(T))
+    share = np.tile([0.1, 0.2, 0.4, 0.5, 0.6, 0.8, 0.9, 0.35, 0.85], (T, 1))
     depth = np.zeros((T, 9))
-    depth[3, [1, 3]] = BETWEEN_TOLERANCE + 0.001, BETWEEN_TOLERANCE + 0.002
-    depth[3, 7] = BETWEEN_TOLERANCE + 0.001
-    depth[5, 8] = BETWEEN_TOLERANCE - 0.001
-    moved = move_samples(problem, q, depth)
+    depth[3, [1, 2]] = BETWEEN_TOLERANCE + 0.001, BETWEEN_TOLERANCE + 0.002
+    depth[3, 5] = BETWEEN_TOLERANCE + 0.001
+    depth[4, [2, 7]] = BETWEEN_TOLERANCE + 0.001, BETWEEN_TOLERANCE + 0.002
+    depth[5, 6] = BETWEEN_TOLERANCE - 0.001
+    moved = move_samples(problem, q, share, depth)
     expected = even_shares(T)
     expected[3] = 0.4, 0.8, 1
+    expected[4, 0] = 0.35
     np.testing.assert_allclose(moved.share, expected, atol=1e-15)
     assert expected.shape == (T, PATH_SAMPLES)
     knots = np.concatenate([problem.home[None], q])
