@@ -37,8 +37,11 @@ MOST_FRAMES = 80
 LAST_FRAME_SECONDS = 1.5
 """An animation rests on its last frame before it starts again."""
 
-TILE = 6
-"""Pixels that one pixel of the network's depth image becomes."""
+DEPTH_PIXELS = 256
+"""Rays along either axis of the depth picture: the shipped networks see means of 4 x 4 of them."""
+
+TILE = 2
+"""Pixels of the picture to a ray."""
 
 DEPTH_COLOURS = np.array(
     [
@@ -116,8 +119,8 @@ def save_animation(
 
 
 def save_depth_picture(path: str | Path, scene: Scene) -> None:
-    """Write what the network sees as a PNG: the depth image with its scale, and the masks beside it."""
-    view = render_depth(scene)
+    """Write what the camera sees as a PNG: the depth image with its scale, and the masks beside it."""
+    view = render_depth(scene, DEPTH_PIXELS, DEPTH_PIXELS)
     met = view.depth < FARTHEST_DEPTH - 1e-6
     # The arms reach far above the objects: the colours are spent on the objects, all above has the first one.
     farthest = SCENE_CAMERA.position[2]

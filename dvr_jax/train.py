@@ -31,7 +31,11 @@ def main() -> int:
     options = tyro.cli(TrainOptions, prog="python -m dvr_jax.train")
     options.check()
     network = NetworkConfig(
-        image_size=options.image_size, normals=options.normals, pooling=options.pooling, goal=options.kind == "dvr"
+        image_size=options.image_size,
+        rays=options.rays,
+        normals=options.normals,
+        pooling=options.pooling,
+        goal=options.kind == "dvr",
     )
     load = partial(load_examples, completions=options.completions, k_max=options.k_max)
     held_out = load(options.validation) if options.validation else None

@@ -9,6 +9,7 @@ from dataclasses import asdict, replace
 from itertools import combinations
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from dvr_jax.dataset import footer
@@ -24,6 +25,7 @@ from dvr_jax.sweep import label_scenes
 LEAVES = [Node((), 0, None, reaches_goal=True) for _ in range(8)]
 OPTIONS = LabelOptions(solutions=2, k_max=3)
 SCENES = tuple(sample_scenes(6, 1, 4))
+KILLED_SCENES = 120
 
 
 def sweep(scenes: Path, out: Path, *more: str) -> subprocess.Popen[str]:
@@ -76,6 +78,32 @@ def test_a_killed_sweep_ends_with_the_same_rows(scenes: Path, tmp_path: Path) ->
     refused = sweep(tmp_path / "others.jsonl", tmp_path / "cut")
     assert refused.wait() == 2
     assert "holds other scenes" in refused.stderr.read()  # type: ignore[union-attr]
+
+
+@pytest.mark.slow
+def test_ten_kills_at_random_moments_lose_nothing(tmp_path: Path) -> None:
+    """Two workers, two boxes, the default options; some kills come before the first shard, some within one."""
+    scenes = tuple(sample_scenes(KILLED_SCENES, 2, 5))
+    save_scenes(tmp_path / "scenes.jsonl", scenes)
+    command = [sys.executable, "-m", "dvr_jax.sweep", "--scenes", str(tmp_path / "scenes.jsonl"), "--shard", "2"]
+    subprocess.run([*command, "--workers", "2", "--out", str(tmp_path / "whole")], check=True)
+    killed = [*command, "--workers", "2", "--out", str(tmp_path / "killed")]
+    done = []
+    for moment in np.random.default_rng(0).uniform(2, 25, 10):
+        process = subprocess.Popen(killed, start_new_session=True)
+        time.sleep(moment)
+        assert process.poll() is None, "the sweep was over before it was killed ten times"
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+        done.append(len(list_shards(tmp_path / "killed")))
+    assert done == sorted(done) and 0 < done[-1] < KILLED_SCENES // 2
+    subprocess.run(killed, check=True)
+    cut, whole = list_shards(tmp_path / "killed"), list_shards(tmp_path / "whole")
+    assert [info.scenes for info in cut] == [info.scenes for info in whole]
+    assert all(same_rows(read_shard(a.path), read_shard(b.path)) for a, b in zip(cut, whole, strict=True))
+    assert sorted(path.name for path in (tmp_path / "killed").iterdir()) == sorted(
+        path.name for path in (tmp_path / "whole").iterdir()
+    )
 
 
 def test_shards_of_another_version_are_refused(scenes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

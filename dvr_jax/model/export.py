@@ -21,7 +21,7 @@ from dvr_jax.files import write_whole
 from dvr_jax.model.encoding import input_signature
 from dvr_jax.model.network import NetworkConfig, Weights, parameter_shapes
 
-FORMAT = 1
+FORMAT = 2
 
 Kind = Literal["dvr", "classifier"]
 """What the network predicts: whether a step is promising, or whether the sequence so far is feasible."""

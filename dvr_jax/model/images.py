@@ -2,7 +2,8 @@
 
 The paper's I(O, S) has one channel of depth and two masks, all of the *initial* scene. Here the depth is taken against
 that of the same table with nothing on it, so that the channel is zero but for what stands there: arms and floor, which
-look alike in all scenes and are ten times as high, would drown it.
+look alike in all scenes and are ten times as high, would drown it. And a pixel is a mean over several rays, a mask's
+the share that it covers: a pixel is 3 cm wide, and whether two boxes fit on a target is a matter of 1 cm.
 
 The heights are the same for all actions and there are few masks, so both are stored once: a pair of indices into the
 stack of masks stands for an image. The stack is: one mask per object in the scene's order, the goal region's, and one
@@ -10,8 +11,7 @@ of zeros, which fills the channel of an absent second object.
 """
 
 from collections.abc import Sequence
-from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvr_jax.errors import DvrError
-from dvr_jax.scene.camera import DepthImage, render_depth
-from dvr_jax.scene.types import Goal, Region, Scene
+from dvr_jax.scene.camera import DepthImage, empty_depth, render_depth
+from dvr_jax.scene.types import Scene
 
 CHANNELS = 3
 """Heights and two masks."""
@@ -30,6 +30,9 @@ UNIT_HEIGHT = 0.1
 
 LARGEST_HEIGHT = 2.0
 """Heights are cut off here (in units of UNIT_HEIGHT)."""
+
+WHOLE_PIXEL = 255
+"""What a mask says of a pixel that it covers."""
 
 BRIGHTNESS = 16.0
 """What a height of 1, and a mask's pixel of 1, are to the network. An object covers some 10 of 64 x 64 pixels, so this
@@ -43,7 +46,8 @@ class SceneImages(NamedTuple):
     height: NDArray[np.float32]
     """Height above the empty table as the camera sees it (H, W), in units of UNIT_HEIGHT."""
     masks: NDArray[np.uint8]
-    """0 or 1 (N + 2, H, W): the objects in the scene's order, the goal region, zeros."""
+    """Shares of each pixel in units of 1 / `WHOLE_PIXEL` (N + 2, H, W): the objects in the scene's order, the goal
+    region, zeros."""
 
 
 class ImageStack(NamedTuple):
@@ -55,33 +59,38 @@ class ImageStack(NamedTuple):
     """(S, N + 2, H, W)."""
 
 
-@lru_cache(maxsize=16)
-def _empty_depth(home: tuple[tuple[float, ...], tuple[float, ...]], size: int) -> NDArray[np.float32]:
-    """Depth (size, size), m, of the table and the arms at home."""
-    nothing = Goal("", Region((0.0, 0.0), 0.0, (0.1, 0.1)))
-    return render_depth(Scene((), nothing, home), size, size).depth
+def scene_images(scene: Scene, size: int, rays: int) -> SceneImages:
+    """Heights and masks of a scene as images of size x size pixels, each the mean over rays x rays rays."""
+    return depth_images(scene, render_depth(scene, rays * size, rays * size), size)
 
 
-def scene_images(scene: Scene, size: int) -> SceneImages:
-    """Heights and masks of a scene as images of size x size pixels."""
-    return depth_images(scene, render_depth(scene, size, size))
-
-
-def depth_images(scene: Scene, image: DepthImage) -> SceneImages:
-    """The same of a depth image of the scene, rendered or a real camera's (H, H).
+def depth_images(scene: Scene, image: DepthImage, size: int) -> SceneImages:
+    """The same of a depth image of the scene, rendered or a real camera's (H, H), H a multiple of the network's size.
 
     The network knows one camera, `dvr_jax.scene.pinhole.SCENE_CAMERA`: depth [m] along its optical axis, seen from its
     place; the arms are at home. A pixel that is not finite counts as empty table. The goal's mask covers the whole
     region, also where something stands on it.
     """
-    size = len(image.depth)
+    H = len(image.depth)
     shapes = image.depth.shape, image.object_masks.shape, image.goal_mask.shape
-    valid = (size, size), (len(scene.objects), size, size), (size, size)
+    valid = (H, H), (len(scene.objects), H, H), (H, H)
     if shapes != valid:
         raise DvrError(f"depth, objects' masks and goal's mask have the shapes {shapes}; valid are {valid}.")
-    height = np.nan_to_num((_empty_depth(scene.home, size) - image.depth) / UNIT_HEIGHT, nan=0, posinf=0, neginf=0)
-    masks = np.concatenate([image.object_masks, image.goal_mask[None], np.zeros((1, size, size), bool)])
-    return SceneImages(np.clip(height, -LARGEST_HEIGHT, LARGEST_HEIGHT), masks.astype(np.uint8))
+    if H == 0 or H % size:
+        raise DvrError(f"the images have {H} x {H} pixels; valid is a multiple of the network's {size}.")
+    height = np.nan_to_num((empty_depth(scene.home, H, H) - image.depth) / UNIT_HEIGHT, nan=0, posinf=0, neginf=0)
+    masks = np.concatenate([image.object_masks, image.goal_mask[None], np.zeros((1, H, H), bool)])
+    return SceneImages(
+        _mean(np.clip(height, -LARGEST_HEIGHT, LARGEST_HEIGHT), size),
+        np.rint(WHOLE_PIXEL * _mean(masks, size)).astype(np.uint8),
+    )
+
+
+def _mean(images: NDArray[Any], size: int) -> NDArray[np.float32]:
+    """Images (..., H, H) as (..., size, size), each pixel a mean."""
+    share = images.shape[-1] // size
+    rows = np.asarray(np.sum([images[..., i::share, :] for i in range(share)], axis=0, dtype=np.float32))
+    return np.asarray(np.sum([rows[..., i::share] for i in range(share)], axis=0) / np.float32(share**2))
 
 
 def stack_images(images: Sequence[SceneImages], most_objects: int) -> ImageStack:
@@ -104,4 +113,4 @@ def show_scenes(
         back = jnp.expand_dims(turned, tuple(range(1, images.ndim)))
         return BRIGHTNESS * jnp.where(back, images[..., ::-1, ::-1], images).astype(jnp.float32)
 
-    return turn(height[scene]), turn(masks[scene])
+    return turn(height[scene]), turn(masks[scene]) / WHOLE_PIXEL

@@ -51,6 +51,8 @@ class NetworkConfig:
 
     image_size: int = 64
     """Height and width of the images in pixels."""
+    rays: int = 4
+    """Rays to a pixel along either axis, whose mean it is; 1 for the paper's network."""
     channels: tuple[int, int, int] = (5, 10, 10)
     """Channels of the three convolutional layers."""
     dense: int = 100
@@ -72,9 +74,19 @@ class NetworkConfig:
                 f"the images' size is {self.image_size} pixels; valid are multiples of {SIZE_UNIT} from "
                 f"{SMALLEST_IMAGE} to {LARGEST_IMAGE}."
             )
-        for name, value in (("dense", self.dense), ("hidden", self.hidden), ("channels", min(self.channels))):
+        for name, value in (
+            ("rays", self.rays),
+            ("dense", self.dense),
+            ("hidden", self.hidden),
+            ("channels", min(self.channels)),
+        ):
             if value < 1:
                 raise DvrError(f"the network's {name} is {getattr(self, name)}; valid is 1 or more.")
+        if self.rays * self.image_size > LARGEST_IMAGE:
+            raise DvrError(
+                f"{self.rays} rays to each of {self.image_size} pixels are {self.rays * self.image_size}; valid are at "
+                f"most {LARGEST_IMAGE} along an axis."
+            )
         if len(self.channels) != len(STRIDES):
             raise DvrError(f"the network's channels are {self.channels}; valid are {len(STRIDES)} numbers.")
 

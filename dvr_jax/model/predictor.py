@@ -7,7 +7,7 @@ probabilities, hidden = predictor.step(code, hidden, children)     # children: i
 
 With a depth image of your own camera instead of a rendered one, for a plan too:
 
-images = depth_images(scene, DepthImage(depth, object_masks, goal_mask))
+images = depth_images(scene, DepthImage(depth, object_masks, goal_mask), size=64)
 plan(scene, network=dataclasses.replace(predictor, images=images))
 """
 
@@ -94,7 +94,8 @@ class Predictor:
 
     def look(self, scene: Scene) -> SceneImages:
         """Heights and masks of a scene in the network's size, rendered unless there are images of another camera."""
-        return scene_images(scene, self.weights.config.image_size) if self.images is None else self.images
+        config = self.weights.config
+        return scene_images(scene, config.image_size, config.rays) if self.images is None else self.images
 
     def begin(self, scene: Scene, grounding: Grounding | None = None, images: SceneImages | None = None) -> SceneCode:
         """Encode a scene, once for a whole search.

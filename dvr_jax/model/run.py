@@ -65,8 +65,13 @@ class TrainOptions:
     """Sequences drawn among those that begin with a refuted prefix, for each."""
     steps: int = 100_000
     """Batches to train on."""
+    cooldown: int = 0
+    """Steps before the end in which the learning rate falls evenly to 0; with 0 it is constant, as in the paper. A run
+    without cooldown can go on with one."""
     image_size: int = 64
     """Height and width of the images in pixels."""
+    rays: int = 4
+    """Rays to a pixel along either axis, whose mean it is; with 1, the images are the paper's."""
     normals: bool = True
     """Give the normal of the grasped face with a grasp's symbol; without it, the network is the paper's."""
     pooling: bool = True
@@ -115,6 +120,8 @@ class TrainOptions:
                 raise DvrError(f"--{name.replace('_', '-')} is {getattr(self, name)}; valid is 1 or more.")
         if self.seed < 0:
             raise DvrError(f"--seed is {self.seed}; valid is 0 or more.")
+        if not 0 <= self.cooldown <= self.steps:
+            raise DvrError(f"--cooldown is {self.cooldown}; valid is 0 to {self.steps}, the --steps.")
         if self.validation_scenes < 0:
             raise DvrError(f"--validation-scenes is {self.validation_scenes}; valid is 0 or more.")
         if not 0 <= self.least_feasible <= self.batch:
@@ -148,7 +155,7 @@ def prepare(options: TrainOptions, examples: Examples, held_out: Examples | None
     if not options.known:
         examples, held_out = _all_known(examples), None if held_out is None else _all_known(held_out)
     check_examples(examples, "--data")
-    table = _table(examples.scenes, options.image_size, options.out / "images.npz", say)
+    table = _table(examples.scenes, options, options.out / "images.npz", say)
     rows = np.arange(len(examples.scene))
     validation_rows = rows[:0]
     if held_out is None:
@@ -165,7 +172,7 @@ def prepare(options: TrainOptions, examples: Examples, held_out: Examples | None
     validation = None
     if held_out is not None:
         check_examples(held_out, "--validation")
-        other = _table(held_out.scenes, options.image_size, options.out / "validation_images.npz", say)
+        other = _table(held_out.scenes, options, options.out / "validation_images.npz", say)
         validation = Validation.of(held_out, other, np.arange(len(held_out.scene)), *limits)
     elif len(validation_rows):
         validation = Validation.of(examples, table, validation_rows, *limits)
@@ -184,13 +191,14 @@ def train(options: TrainOptions, data: TrainingData, network: NetworkConfig, say
             raise DvrError(f"--steps is {options.steps}; the run in {options.out} is already at step {state.step}.")
         say(f"continues at step {state.step}")
     weights, optimizer = state.weights, state.optimizer
-    rate, positive = jnp.float32(options.learning_rate), jnp.float32(data.positive_weight)
+    positive = jnp.float32(data.positive_weight)
     with History(options.out, state.step) as history:
         losses, clock = [], time.monotonic()
         for step in range(state.step + 1, options.steps + 1):
             rows = data.draws.draw(options.seed, step)
             turned = draw_turned(len(data.examples.scenes), options.seed, step) if options.turn else None
             batch = assemble_batch(data.examples, data.table, rows, options.kind, turned)
+            rate = jnp.float32(_learning_rate(options, step))
             weights, optimizer, loss = train_step(
                 weights, optimizer, data.table.height, data.table.masks, batch, rate, positive
             )
@@ -216,6 +224,12 @@ def train(options: TrainOptions, data: TrainingData, network: NetworkConfig, say
     if not save_curves(options.out / "curves.png", records):
         say("no curves.png: matplotlib is not installed (pip install '.[plots]' in the repository)")
     return weights
+
+
+def _learning_rate(options: TrainOptions, step: int) -> float:
+    """Of step 1 to `options.steps`."""
+    left = options.steps + 1 - step
+    return options.learning_rate * (left / options.cooldown if left < options.cooldown else 1.0)
 
 
 def _require_finite(name: str, value: float, step: int) -> None:
@@ -248,14 +262,15 @@ def _fingerprint(examples: Examples) -> str:
     return digest.hexdigest()[:16]
 
 
-def _table(scenes: Sequence[Scene], size: int, cache: Path, say: Say) -> SceneTable:
+def _table(scenes: Sequence[Scene], options: TrainOptions, cache: Path, say: Say) -> SceneTable:
     """Table of the scenes; their images are read from `cache` if they are there, else rendered and kept there."""
-    key = hashlib.sha256(repr((tuple(scenes), size, SCENE_CAMERA, UNIT_HEIGHT)).encode()).hexdigest()
+    chosen = options.image_size, options.rays
+    key = hashlib.sha256(repr((tuple(scenes), chosen, SCENE_CAMERA, UNIT_HEIGHT)).encode()).hexdigest()
     images = _read_images(cache, key)
     if images is None:
         say(f"rendering {len(scenes)} scenes")
         most = max(len(scene.objects) for scene in scenes)
-        images = stack_images([scene_images(scene, size) for scene in scenes], most)
+        images = stack_images([scene_images(scene, *chosen) for scene in scenes], most)
         cache.parent.mkdir(parents=True, exist_ok=True)
         content = io.BytesIO()
         np.savez_compressed(content, key=np.array(key), height=images.height, masks=images.masks)

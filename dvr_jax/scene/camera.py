@@ -9,6 +9,7 @@ visible pixels, and the place of the goal is part of the task, not something to 
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import mujoco
 import numpy as np
@@ -23,7 +24,7 @@ from dvr_jax.scene.mjcf import (
     object_body_name,
 )
 from dvr_jax.scene.pinhole import SCENE_CAMERA, Pinhole
-from dvr_jax.scene.types import Region, Scene
+from dvr_jax.scene.types import Goal, Home, Region, Scene
 
 FARTHEST_DEPTH = 3.0
 """Depth (m) of a pixel whose ray meets nothing, and the largest depth that is reported."""
@@ -45,9 +46,40 @@ class DepthImage:
 
 
 def render_depth(scene: Scene, width: int = 64, height: int = 64) -> DepthImage:
-    """Depth and masks of the scene's initial state, seen by SCENE_CAMERA."""
+    """Depth and masks of the scene's initial state, seen by SCENE_CAMERA.
+
+    Rays that pass all objects see what they see of the empty table; only the others are cast."""
+    rays, empty = _empty_table(scene.home, width, height)
+    depth, object_masks = empty.copy(), np.zeros((len(scene.objects), height, width), np.bool_)
+    if scene.objects:
+        model = build_model(scene)
+        data = build_home_data(model)
+        for item in scene.objects:
+            window = SCENE_CAMERA.window(item.center, float(np.linalg.norm(item.half_extents)), width, height)
+            depth[window], object_masks[:, *window] = _see(scene, model, data, SCENE_CAMERA, rays[window])
+    goal_mask = np.zeros((height, width), np.bool_)
+    region = scene.goal.region
+    center, radius = np.array([*region.position, 0.0]), float(np.linalg.norm(region.size)) / 2
+    window = SCENE_CAMERA.window(center, radius, width, height)
+    goal_mask[window] = _project_region(region, SCENE_CAMERA, rays[window])
+    return DepthImage(depth, object_masks, goal_mask)
+
+
+def empty_depth(home: Home, width: int, height: int) -> NDArray[np.float32]:
+    """Depth (height, width), m, of the table and the arms at home alone; read-only."""
+    return _empty_table(home, width, height)[1]
+
+
+@lru_cache(maxsize=4)
+def _empty_table(home: Home, width: int, height: int) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+    """SCENE_CAMERA's rays, and their depth where nothing stands on the table."""
+    _require_size(width, height)
+    rays = SCENE_CAMERA.pixel_rays(width, height)
+    scene = Scene((), Goal("", Region((0.0, 0.0), 0.0, (0.1, 0.1))), home)
     model = build_model(scene)
-    return render_depth_of_state(scene, model, build_home_data(model), width, height)
+    depth, _ = _see(scene, model, build_home_data(model), SCENE_CAMERA, rays)
+    depth.setflags(write=False)
+    return rays, depth
 
 
 def render_depth_of_state(
@@ -59,18 +91,26 @@ def render_depth_of_state(
     camera: Pinhole = SCENE_CAMERA,
 ) -> DepthImage:
     """The same for any state of the scene's model; `data` has its geoms' poses computed."""
+    _require_size(width, height)
+    rays = camera.pixel_rays(width, height)
+    depth, object_masks = _see(scene, model, data, camera, rays)
+    return DepthImage(depth, object_masks, _project_region(scene.goal.region, camera, rays))
+
+
+def _require_size(width: int, height: int) -> None:
     for name, pixels in (("width", width), ("height", height)):
         if not SMALLEST_IMAGE <= pixels <= LARGEST_IMAGE:
             raise DvrError(f"the image's {name} is {pixels} pixels; valid are {SMALLEST_IMAGE} to {LARGEST_IMAGE}.")
-    rays = camera.pixel_rays(width, height)
+
+
+def _see(
+    scene: Scene, model: mujoco.MjModel, data: mujoco.MjData, camera: Pinhole, rays: NDArray[np.float64]
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Depth (H, W), m, and masks (N, H, W) of the objects along a camera's rays (H, W, 3)."""
     depth, geoms, _ = cast_rays(model, data, camera.position, rays, groups=(SOLID_GROUP, LOOKS_GROUP))
-    depth = np.where(np.isfinite(depth), depth, FARTHEST_DEPTH)
-    object_geoms = np.array([model.geom(object_body_name(item.name)).id for item in scene.objects])
-    return DepthImage(
-        depth=np.minimum(depth, FARTHEST_DEPTH).astype(np.float32),
-        object_masks=geoms[None] == object_geoms[:, None, None],
-        goal_mask=_project_region(scene.goal.region, camera, rays),
-    )
+    object_geoms = np.array([model.geom(object_body_name(item.name)).id for item in scene.objects], np.int32)
+    seen = np.minimum(np.where(np.isfinite(depth), depth, FARTHEST_DEPTH), FARTHEST_DEPTH)
+    return seen.astype(np.float32), geoms[None] == object_geoms[:, None, None]
 
 
 def cast_rays(

@@ -8,7 +8,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +46,22 @@ class Pinhole:
         """World vectors of the rays through all pixel centres (height, width, 3)."""
         columns, rows = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
         return self.rays(columns, rows, width, height)
+
+    def window(self, center: ArrayLike, radius: float, width: int, height: int) -> tuple[slice, slice]:
+        """Rows and columns of an image outside of which no ray meets a ball in the world [m]; all of them if the
+        camera is in the ball's slab or behind it."""
+        local = (np.asarray(center) - self.position) @ self.rotation()
+        nearest, farthest = -local[2] - radius, -local[2] + radius
+        if nearest <= 0:
+            return slice(0, height), slice(0, width)
+        slope = math.tan(self.field_of_view / 2)
+        sides = []
+        for along, pixels, half in ((-local[1], height, slope), (local[0], width, slope * width / height)):
+            ends = [(along + shift) / depth for shift in (-radius, radius) for depth in (nearest, farthest)]
+            first, last = (pixels * (1 + end / half) / 2 for end in (min(ends), max(ends)))
+            sides.append(slice(min(max(math.floor(first), 0), pixels), min(max(math.ceil(last), 0), pixels)))
+        rows, columns = sides
+        return rows, columns
 
 
 SCENE_CAMERA = Pinhole(position=(0.0, 0.0, 2.6), target=(0.0, 0.0, 0.0), field_of_view=math.radians(46.0))

@@ -31,7 +31,7 @@ MIXED = Examples(
     np.concatenate([ONE.scene, TWO.scene + 2]),
     *(np.concatenate([mine, theirs]) for mine, theirs in zip(ONE[2:], TWO[2:], strict=True)),
 )  # scenes with one object and with two
-TABLE = scene_table(MIXED.scenes, stack_images([scene_images(scene, 8) for scene in MIXED.scenes], 2))
+TABLE = scene_table(MIXED.scenes, stack_images([scene_images(scene, 8, 1) for scene in MIXED.scenes], 2))
 
 
 def test_every_step_finds_symbol_and_masks_of_its_action() -> None:

@@ -87,7 +87,7 @@ def rewrite(path: Path, change: dict[str, Any]) -> None:
     [
         ({"domain": "0123"}, "another symbolic domain \\(signature 0123\\); valid is [0-9a-f]{16}"),
         ({"kind": "oracle"}, "the kind is 'oracle'; valid: dvr, classifier"),
-        ({"format": 7}, "the format is 7; valid is 1"),
+        ({"format": 7}, "the format is 7; valid is 2"),
         ({"config": {"hidden": 5}}, "the header is incomplete"),
         ({"config": {"hidden": 5, "channels": 3}}, "the header is incomplete"),
         ({"output/kernel": np.zeros((6, 1))}, "output/kernel has shape \\(6, 1\\); its sizes ask for \\(5, 1\\)"),

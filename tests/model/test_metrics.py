@@ -46,7 +46,7 @@ def test_average_precision_on_paper() -> None:
 def test_greedy_sequences_take_the_best_of_the_predictor_at_each_step() -> None:
     examples = sided_examples(3, 5)
     weights = initial_weights(NetworkConfig(image_size=16, channels=(2, 2, 2), dense=8, hidden=12), 1)
-    table = scene_table(examples.scenes, stack_images([scene_images(scene, 16) for scene in examples.scenes], 2))
+    table = scene_table(examples.scenes, stack_images([scene_images(scene, 16, 4) for scene in examples.scenes], 2))
     predictor = Predictor.of(weights, Header("dvr", weights.config))
     k_max = 5
     sequences = greedy_sequences(weights, table, [2, 0, 1], k_max)

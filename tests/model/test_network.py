@@ -69,7 +69,7 @@ def test_fast_encoder_is_the_network_on_whole_images_in_values_and_gradients(poo
     weights = random_weights(config)
     generator = np.random.default_rng(0)
     height = generator.uniform(-1, 1, (5, size, size)).astype(np.float32)
-    masks = generator.integers(0, 2, (5, 4, size, size)).astype(np.uint8)
+    masks = generator.integers(0, 256, (5, 4, size, size)).astype(np.uint8)
     masks[:, -1] = 0
     scene, turned = np.array([4, 1, 1, 0]), np.array([False, True, False, True])
     view, pairs = generator.integers(0, 4, number), generator.integers(0, 4, (number, 2))
@@ -83,7 +83,7 @@ def test_fast_encoder_is_the_network_on_whole_images_in_values_and_gradients(poo
 
     images = np.zeros((number, size, size, 3), np.float32)
     for image, which, pair in zip(images, view, pairs, strict=True):
-        channels = 16.0 * np.stack([height[scene[which]], *masks[scene[which], pair]], axis=-1)
+        channels = 16.0 * np.stack([height[scene[which]], *masks[scene[which], pair] / 255], axis=-1)
         image[:] = channels[::-1, ::-1] if turned[which] else channels
 
     def plain(parameters: Parameters) -> tuple[jax.Array, jax.Array]:

@@ -13,12 +13,11 @@ from dvr_jax.logic import FACES, enumerate_sequences
 from dvr_jax.model import predictor as module
 from dvr_jax.model.encoding import SYMBOLS, direction
 from dvr_jax.model.export import Header, export_weights
-from dvr_jax.model.images import BRIGHTNESS, depth_images, scene_images
+from dvr_jax.model.images import BRIGHTNESS, WHOLE_PIXEL, depth_images, scene_images
 from dvr_jax.model.network import Network, NetworkConfig, initial_weights
 from dvr_jax.model.predictor import BATCH_SIZES, Predictor
-from dvr_jax.scene.camera import render_depth
+from dvr_jax.scene.camera import empty_depth, render_depth
 from dvr_jax.scene.sampling import SceneDistribution, sample_scenes
-from dvr_jax.scene.types import Scene
 
 WEIGHTS = initial_weights(NetworkConfig(image_size=16, channels=(2, 3, 3), dense=9, hidden=13), 4)
 PREDICTOR = Predictor.of(WEIGHTS, Header("dvr", WEIGHTS.config))
@@ -31,10 +30,11 @@ def test_steps_are_the_network_on_the_actions_images(number: int) -> None:
     code = PREDICTOR.begin(scene)
     sequence = next(enumerate_sequences(code.grounding, 4))
     network, variables = WEIGHTS.network()
-    images = scene_images(scene, 16)
+    images = scene_images(scene, 16, 4)
 
     def encode(first: int, second: int) -> object:
-        image = BRIGHTNESS * np.stack([images.height, *images.masks[[first, second]]], axis=-1, dtype=np.float32)
+        channels = [images.height, *images.masks[[first, second]] / WHOLE_PIXEL]
+        image = BRIGHTNESS * np.stack(channels, axis=-1).astype(np.float32)
         return network.apply(variables, image[None], method=Network.encode_images)
 
     goal = encode(scene.goal_index, number)
@@ -57,22 +57,22 @@ def test_steps_are_the_network_on_the_actions_images(number: int) -> None:
 
 def test_images_of_another_camera_take_the_place_of_the_rendered_ones() -> None:
     scene = next(sample_scenes(1, 2, 0))
-    seen = render_depth(scene, 16, 16)
+    seen = render_depth(scene, 64, 64)
 
     def answer(predictor: Predictor) -> NDArray[np.float32]:
         code = predictor.begin(scene)
         return predictor.step(code, code.initial_hidden(24), range(24))[0]
 
     def answer_to(depth: NDArray[np.float32]) -> NDArray[np.float32]:
-        return answer(replace(PREDICTOR, images=depth_images(scene, replace(seen, depth=depth))))
+        return answer(replace(PREDICTOR, images=depth_images(scene, replace(seen, depth=depth), 16)))
 
     np.testing.assert_array_equal(answer_to(seen.depth), answer(PREDICTOR))
-    empty = render_depth(Scene((), scene.goal, scene.home), 16, 16).depth
+    empty = empty_depth(scene.home, 64, 64)
     assert not np.array_equal(answer_to(empty), answer(PREDICTOR))
-    np.testing.assert_array_equal(answer_to(np.full((16, 16), np.nan, np.float32)), answer_to(empty))
+    np.testing.assert_array_equal(answer_to(np.full((64, 64), np.nan, np.float32)), answer_to(empty))
     with pytest.raises(DvrError, match=r"\(8, 8\).*valid.*\(16, 16\)"):
-        answer(replace(PREDICTOR, images=scene_images(scene, 8)))
-    with pytest.raises(DvrError, match=r"\(16, 15\).*valid.*\(16, 16\)"):
+        answer(replace(PREDICTOR, images=scene_images(scene, 8, 1)))
+    with pytest.raises(DvrError, match=r"\(64, 63\).*valid.*\(64, 64\)"):
         answer_to(seen.depth[:, 1:])
 
 

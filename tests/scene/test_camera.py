@@ -15,6 +15,7 @@ from dvr_jax.errors import DvrError
 from dvr_jax.scene.camera import FARTHEST_DEPTH, cast_rays, render_depth, render_depth_of_state
 from dvr_jax.scene.mjcf import LOOKS_GROUP, SOLID_GROUP, build_home_data, build_model, qpos_layout
 from dvr_jax.scene.pinhole import SCENE_CAMERA, Pinhole
+from dvr_jax.scene.sampling import SceneDistribution, sample_scenes
 from dvr_jax.scene.scene import Goal, Region, Scene, SceneObject, make_scene, scene_to_json
 from dvr_jax.scene.workspace import JOINT_LOWER, JOINT_UPPER
 
@@ -106,6 +107,35 @@ def test_hidden_objects_have_empty_masks() -> None:
     image = render_depth_of_state(scene, model, build_home_data(model), 64, 48, level)
     assert image.object_masks[0].any() and not image.object_masks[1].any()
     assert image.goal_mask.any() and image.goal_mask.shape == (48, 64)
+
+
+def test_the_initial_state_is_seen_as_any_state_is() -> None:
+    """Only the rays near objects are cast; all objects, some under the arms, are seen as if all rays were."""
+    scenes = [*sample_scenes(10, 2, 1), *sample_scenes(5, 5, 1), *sample_scenes(5, 2, 1, SceneDistribution("cylinder"))]
+    for scene in scenes:
+        model = build_model(scene)
+        all_rays = render_depth_of_state(scene, model, build_home_data(model), 120, 90)
+        seen = render_depth(scene, 120, 90)
+        np.testing.assert_array_equal(seen.depth, all_rays.depth)
+        np.testing.assert_array_equal(seen.object_masks, all_rays.object_masks)
+        np.testing.assert_array_equal(seen.goal_mask, all_rays.goal_mask)
+
+
+def test_rays_outside_a_balls_window_miss_it() -> None:
+    generator = np.random.default_rng(0)
+    smaller = 0
+    for _ in range(50):
+        camera = Pinhole(tuple(generator.normal(size=3)), tuple(generator.normal(size=3)), generator.uniform(0.3, 1.5))
+        center, radius = generator.normal(size=3), generator.uniform(0.05, 0.5)
+        rays = camera.pixel_rays(80, 60)
+        towards = center - camera.position
+        along = np.maximum((rays @ towards) / (rays**2).sum(-1), 0)
+        met = np.linalg.norm(along[..., None] * rays - towards, axis=-1) <= radius
+        window = camera.window(center, radius, 80, 60)
+        smaller += met[window].size < met.size and met.any()
+        met[window] = False
+        assert not met.any()
+    assert smaller > 5
 
 
 def test_camera_sees_the_workspace() -> None:
