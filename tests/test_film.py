@@ -96,4 +96,4 @@ def test_odd_names_and_many_objects(tmp_path: Path, count: int) -> None:
     save_film(tmp_path / "film.png", scene, (Action("grasp", ("left", "+x", names[0])),), swing(scene, 10, (5,)))
     save_depth_picture(tmp_path / "depth.png", scene)
     assert Image.open(tmp_path / "film.png").size == (12 + 2 * 452, 56 + 275 + 34 + 12)
-    assert Image.open(tmp_path / "depth.png").size[1] == 40 + 384 + 12
+    assert Image.open(tmp_path / "depth.png").size[1] == 40 + 512 + 12
