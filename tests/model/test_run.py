@@ -8,6 +8,7 @@ import signal
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -27,7 +28,7 @@ from dvr_jax.model.history import History, read_history
 from dvr_jax.model.network import NetworkConfig, initial_weights
 from dvr_jax.model.predictor import Predictor
 from dvr_jax.model.run import TrainOptions, prepare, train
-from dvr_jax.model.training import evaluate_batch, weighted_loss
+from dvr_jax.model.training import evaluate_batch, train_step, weighted_loss
 
 EXAMPLES = sided_examples(16, 0)
 SMALL = NetworkConfig(image_size=24, channels=(3, 4, 4), dense=32, hidden=64)
@@ -102,7 +103,7 @@ def train_until_killed(options: TrainOptions) -> None:
 
 
 def test_a_killed_run_goes_on_to_the_same_result(tmp_path: Path) -> None:
-    whole, cut = replace(OPTIONS, out=tmp_path / "whole"), replace(OPTIONS, out=tmp_path / "cut")
+    whole, cut = (replace(OPTIONS, out=tmp_path / name, cooldown=12) for name in ("whole", "cut"))
     train(whole, prepare(whole, EXAMPLES, None, quiet), SMALL, quiet)
     child = multiprocessing.get_context("spawn").Process(target=train_until_killed, args=(cut,))
     child.start()
@@ -136,6 +137,21 @@ def test_a_step_is_adams(tmp_path: Path) -> None:
     adam = optax.adam(options.learning_rate)
     expected, _ = adam.update(jnp.ones(1), adam.init(jnp.ones(1)))
     assert max(float(leaf.max()) for leaf in jax.tree.leaves(moved)) == pytest.approx(-float(expected[0]), rel=1e-3)
+
+
+@pytest.mark.parametrize("cooldown", [0, 1, 8, 24])
+def test_learning_rate_is_optaxs_schedule(cooldown: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rates: list[float] = []
+
+    def recorded(*arguments: Any) -> Any:
+        rates.append(float(arguments[5]))
+        return train_step(*arguments)
+
+    options = replace(OPTIONS, out=tmp_path, cooldown=cooldown, held_out=0.0)
+    monkeypatch.setattr("dvr_jax.model.run.train_step", recorded)
+    train(options, prepare(options, EXAMPLES, None, quiet), SMALL, quiet)
+    schedule = optax.linear_schedule(options.learning_rate, 0.0, cooldown, options.steps - cooldown)
+    assert rates == pytest.approx([float(schedule(count)) for count in range(options.steps)])
 
 
 def test_command_trains_a_classifier_on_separate_held_out_scenes(
@@ -172,6 +188,7 @@ def test_command_trains_a_classifier_on_separate_held_out_scenes(
     [
         ("--least-feasible 49", "--least-feasible is 49; valid is 0 to 48, the batch."),
         ("--checkpoint-every 150", "--checkpoint-every is 150; valid is a multiple of --log-every 100."),
+        ("--cooldown 100001", "--cooldown is 100001; valid is 0 to 100000, the --steps."),
         ("--batch-scenes 0", "--batch-scenes is 0; valid is 1 or more."),
         ("--learning-rate 0", "--learning-rate is 0.0; valid is a positive number."),
         ("--image-size 2", "the images' size is 2 pixels; valid are multiples of 4 from 8 to 1024."),
