@@ -15,7 +15,7 @@ import tyro
 
 from dvr_jax.bench.recall import PROBLEMS, judge_prefix, random_keyframes, read_problems
 from dvr_jax.komo.augmented import Settings
-from dvr_jax.komo.engine import extend_prefixes, keyframe_start, path_problem, path_start, solve, stack
+from dvr_jax.komo.engine import extend_prefixes, extension_lanes, keyframe_start, path_problem, path_start, solve, stack
 from dvr_jax.komo.slices import ACTIVE
 from dvr_jax.komo.solver import CHUNK, Geometry, judge, lay_out_trial, measure_chunk, reduce_chunk, start
 from dvr_jax.komo.transcription import transcribe
@@ -83,7 +83,7 @@ def time_keyframes(nodes: list[Node], length: int) -> None:
     sampling, solving = [], []
     for _ in range(6):
         begin = time.perf_counter()
-        extended = extend_prefixes(parents, problems, seed=0)
+        extended = extend_prefixes(parents, problems, 0, extension_lanes(problems))
         middle = time.perf_counter()
         left = [
             (problem, keyframe_start(particles, 0, length))

@@ -2,10 +2,11 @@
 compiled.
 
 The interface between search (lists of Python objects) and the compiled code (stacked arrays). Each function's result
-for one prefix does not depend on what else is in the list."""
+for one prefix does not depend on what else is in the lists."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -32,7 +33,9 @@ from dvr_jax.robot.inverse_kinematics import shift_gripper
 from dvr_jax.scene.workspace import BASE_POSITIONS
 
 EXTENSION_LANES = 8
-"""Prefixes whose particles are extended side by side."""
+"""Prefixes whose particles are extended side by side, where there are many."""
+FEW = 3
+"""Up to so many are extended one by one: one lane takes a quarter of the time of `EXTENSION_LANES`."""
 PATH_LANES = 1
 """Paths that are solved side by side."""
 
@@ -91,20 +94,36 @@ def _extension(problem: Problem, k: int, case: str) -> Extension:
     )  # fmt: skip
 
 
-def extend_prefixes(parents: Sequence[Particles], problems: Sequence[Problem], seed: int) -> list[Particles]:
+def _extension_kind(problem: Problem) -> tuple[str, int]:
+    """What the last action of a prefix is, and how many are before it: one program serves what is equal in both."""
+    k = len(problem.is_grasp) - 1
+    kind = int(problem.attachment[k, problem.switched_object[k]])
+    return case_of(kind, bool(problem.is_grasp[k] > 0)), k
+
+
+def extension_lanes(problems: Sequence[Problem]) -> list[int]:
+    """How many prefixes each of these shares a call with when they are asked for together.
+
+    A program of other lanes may round differently, so that who asks decides, and not who else is served with it."""
+    kinds = [_extension_kind(problem) for problem in problems]
+    counts = Counter(kinds)
+    return [1 if counts[kind] <= FEW else EXTENSION_LANES for kind in kinds]
+
+
+def extend_prefixes(
+    parents: Sequence[Particles], problems: Sequence[Problem], seed: int, lanes: Sequence[int]
+) -> list[Particles]:
     """Particles of prefixes, each one action longer than its parent's; ``problems`` are those of the longer
-    prefixes."""
+    prefixes, ``lanes`` their `extension_lanes`."""
     children: list[Particles | None] = [None] * len(parents)
-    groups: dict[tuple[str, int], list[int]] = {}
-    for index, problem in enumerate(problems):
-        k = len(problem.is_grasp) - 1
-        kind = int(problem.attachment[k, problem.switched_object[k]])
-        groups.setdefault((case_of(kind, bool(problem.is_grasp[k] > 0)), k), []).append(index)
-    for (case, k), members in groups.items():
+    groups: dict[tuple[tuple[str, int], int], list[int]] = {}
+    for index, (problem, count) in enumerate(zip(problems, lanes, strict=True)):
+        groups.setdefault((_extension_kind(problem), count), []).append(index)
+    for ((case, k), count), members in groups.items():
         u = np.random.default_rng([seed, k]).random(RANDOM_SHAPE, np.float32)
-        for first in range(0, len(members), EXTENSION_LANES):
-            indices = members[first : first + EXTENSION_LANES]
-            padded = indices + [indices[0]] * (EXTENSION_LANES - len(indices))
+        for first in range(0, len(members), count):
+            indices = members[first : first + count]
+            padded = indices + [indices[0]] * (count - len(indices))
             steps = stack([_extension(problems[i], k, case) for i in padded])
             batch = extend(stack([parents[i] for i in padded]), steps, u, case)
             arrays = jax.tree.map(np.asarray, batch)

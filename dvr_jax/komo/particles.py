@@ -104,7 +104,9 @@ def _reach(arm: Array, R: Rotation, p: Vector, u: Array, home: Array) -> tuple[A
     q, failure = arm_angles(flat(arms), flat(R), flat(p), jnp.broadcast_to(q7, (n, *shape)).reshape(-1))
     q, failure = q.reshape(7, BRANCHES * n, *shape), failure.reshape(BRANCHES * n, *shape)
     near = jnp.take_along_axis(home.reshape(-1, 2, 7), arm[:, None, None], axis=1)[:, 0].T[:, None, :, None, None]
-    cost = materialize(jnp.where(failure == 0, 0.01 * ((q - near) ** 2).sum(0), UNREACHABLE + failure))
+    # Multiplied before and added in order, lest the compiler round otherwise with another number of lanes.
+    far = sum(materialize(tuple((q - near) ** 2)))
+    cost = materialize(jnp.where(failure == 0, 0.01 * far, UNREACHABLE + failure))
     best = jnp.argmin(cost, axis=0)
     q = jnp.take_along_axis(q, best[None, None], axis=1)[:, 0]
     return jnp.moveaxis(q, 0, -1), cost.min(0)

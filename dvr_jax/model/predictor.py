@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -157,15 +158,21 @@ class Predictor:
 
 
 def load_network(kind: str, path: Path | None = None) -> Predictor:
-    """A trained network of a kind, "dvr" or "classifier"; without a path, the shipped one."""
+    """A trained network of a kind, "dvr" or "classifier"; without a path, the shipped one, which is read once."""
     if path is None:
-        path = SHIPPED / f"{kind}.npz"
-        if not path.exists():
-            raise DvrError(f"no network of the kind '{kind}' is shipped with this installation; name a file of one.")
+        return _shipped_network(kind)
     predictor = Predictor.load(path)
     if predictor.kind != kind:
         raise DvrError(f"{path} holds a network of the kind '{predictor.kind}'; valid is '{kind}'.")
     return predictor
+
+
+@cache
+def _shipped_network(kind: str) -> Predictor:
+    path = SHIPPED / f"{kind}.npz"
+    if not path.exists():
+        raise DvrError(f"no network of the kind '{kind}' is shipped with this installation; name a file of one.")
+    return load_network(kind, path)
 
 
 def _padded(rows: NDArray[Any], size: int) -> jax.Array:

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 
 from dvr_jax.komo.augmented import Settings
-from dvr_jax.komo.engine import extend_prefixes, path_problem, path_start, solve
+from dvr_jax.komo.engine import EXTENSION_LANES, extend_prefixes, path_problem, path_start, solve
 from dvr_jax.komo.particles import empty_prefix
 from dvr_jax.komo.problem import PARAMETERS, Variables
 from dvr_jax.komo.transcription import transcribe
@@ -58,7 +58,9 @@ def warm_up(
         for problem in problems:
             if stop():
                 return
-            particles = extend_prefixes([particles], [problem], seed=0)[0]
+            for lanes in (EXTENSION_LANES, 1):
+                (child,) = extend_prefixes([particles], [problem], 0, [lanes])
+            particles = child
         if network is not None:
             tree = SequenceTree(scene, k_max)
             code = network.begin(scene, tree.grounding)

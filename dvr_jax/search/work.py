@@ -11,7 +11,7 @@ from itertools import islice
 from typing import Any, TypeVar
 
 from dvr_jax.komo.augmented import Settings
-from dvr_jax.komo.engine import Solved, extend_prefixes, solve
+from dvr_jax.komo.engine import Solved, extend_prefixes, extension_lanes, solve
 from dvr_jax.komo.particles import Particles
 from dvr_jax.komo.problem import Problem, Variables
 
@@ -106,6 +106,7 @@ def _execute_batch(requests: list[Request]) -> list[Particles] | list[Solved]:
     first = requests[0]
     if isinstance(first, Extend):
         parents = [particles for request in requests if isinstance(request, Extend) for particles in request.parents]
-        return extend_prefixes(parents, problems, first.seed)
+        lanes = [count for request in requests for count in extension_lanes(request.problems)]
+        return extend_prefixes(parents, problems, first.seed, lanes)
     starts = [start for request in requests if isinstance(request, Solve) for start in request.starts]
     return solve(problems, starts, first.settings)

@@ -1,14 +1,18 @@
 """Batched solves: a problem's result does not depend on what else is in the batch, nor on when its lane was filled."""
 
+import jax
 import numpy as np
+import pytest
 from komo_cases import SCENE, SKELETONS
 
 from dvr_jax.bench.recall import random_keyframes
 from dvr_jax.komo.augmented import FEASIBLE, ITERATION_LIMIT, STAGNATED, Settings
-from dvr_jax.komo.engine import extend_prefixes, solve
-from dvr_jax.komo.particles import PARTICLES, empty_prefix
+from dvr_jax.komo.engine import EXTENSION_LANES, FEW, extend_prefixes, extension_lanes, solve
+from dvr_jax.komo.particles import PARTICLES, Particles, empty_prefix
+from dvr_jax.komo.problem import Problem
 from dvr_jax.komo.transcription import transcribe
 from dvr_jax.komo.verdict import PENETRATION_TOLERANCE, POSITION_TOLERANCE, ROTATION_TOLERANCE
+from dvr_jax.search.work import Extend, Steps, run_alone, run_together
 
 
 def test_solutions_do_not_depend_on_the_batch() -> None:
@@ -41,14 +45,35 @@ def test_feasible_means_within_the_tolerances() -> None:
     assert all(result.ratio > 1 for result in results if not result.feasible)
 
 
-def test_particles_do_not_depend_on_the_batch() -> None:
+@pytest.mark.parametrize("lanes", [1, EXTENSION_LANES])
+def test_particles_do_not_depend_on_the_batch(lanes: int) -> None:
     grasps = [transcribe(SCENE, skeleton[:1]) for skeleton in SKELETONS]
     root = empty_prefix(3, 4)
-    together = extend_prefixes([root] * 9, grasps * 3, seed=5)
+    together = extend_prefixes([root] * 9, grasps * 3, 5, [lanes] * 9)
     for index in (0, 8):
-        (alone,) = extend_prefixes([root], [grasps[index % 3]], seed=5)
+        (alone,) = extend_prefixes([root], [grasps[index % 3]], 5, [lanes])
         for ours, theirs in zip(together[index], alone, strict=True):
             np.testing.assert_array_equal(ours, theirs)
     assert together[0].violation.shape == (PARTICLES,)
-    (other,) = extend_prefixes([root], [grasps[0]], seed=6)
+    (other,) = extend_prefixes([root], [grasps[0]], 6, [lanes])
     assert (other.q != together[0].q).any()
+
+
+def test_who_asks_decides_how_many_share_a_call() -> None:
+    """And not who else is served with it: the first grasps of one search alone, and beside those of another."""
+    few = [transcribe(SCENE, skeleton[:1]) for skeleton in SKELETONS]
+    many = few * 2
+    assert len(few) == FEW
+    assert extension_lanes(few) == [1] * FEW
+    assert extension_lanes(many) == [EXTENSION_LANES] * len(many)
+    root = empty_prefix(3, 4)
+
+    def ask(problems: list[Problem]) -> Steps[list[Particles]]:
+        return (yield Extend([root] * len(problems), problems, 5))
+
+    alone = [run_alone(ask(problems)) for problems in (few, many)]
+    for index, beside in run_together([ask(few), ask(many)]):
+        for ours, theirs in zip(jax.tree.leaves(beside), jax.tree.leaves(alone[index]), strict=True):
+            np.testing.assert_array_equal(ours, theirs)
+    for ours, theirs in zip(jax.tree.leaves(alone[0]), jax.tree.leaves(alone[1][:FEW]), strict=True):
+        np.testing.assert_allclose(ours, theirs, atol=1e-5)

@@ -33,7 +33,7 @@ def test_witnesses_are_feasible_keyframes(length: int) -> None:
         particles = empty_prefix(len(scene.objects), length)
         for number in range(1, length + 1):
             problem = transcribe(scene, actions[:number])
-            particles = extend_prefixes([particles], [problem], seed=3)[0]
+            particles = extend_prefixes([particles], [problem], 3, [1])[0]
             item = problem.switched_object[number - 1]
             cases.add(case_of(int(problem.attachment[number - 1, item]), actions[number - 1].operator == "grasp"))
         x = Variables(particles.q.astype(float), particles.m.astype(float))

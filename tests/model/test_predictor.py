@@ -15,7 +15,7 @@ from dvr_jax.model.encoding import SYMBOLS, direction
 from dvr_jax.model.export import Header, export_weights
 from dvr_jax.model.images import BRIGHTNESS, WHOLE_PIXEL, depth_images, scene_images
 from dvr_jax.model.network import Network, NetworkConfig, initial_weights
-from dvr_jax.model.predictor import BATCH_SIZES, Predictor
+from dvr_jax.model.predictor import BATCH_SIZES, SHIPPED, Predictor, load_network
 from dvr_jax.scene.camera import empty_depth, render_depth
 from dvr_jax.scene.sampling import SceneDistribution, sample_scenes
 
@@ -124,3 +124,10 @@ def test_wrong_queries_are_refused() -> None:
         PREDICTOR.step(code, code.initial_hidden(), [12])
     with pytest.raises(DvrError, match=r"shape \(1, 13\); valid is \(2, 13\)"):
         PREDICTOR.step(code, code.initial_hidden(), [0, 1])
+
+
+def test_the_shipped_network_is_read_once() -> None:
+    """So that plans from Python find its programs ready after the first."""
+    assert load_network("dvr") is load_network("dvr")
+    with pytest.raises(DvrError, match=r"dvr\.npz holds a network of the kind 'dvr'; valid is 'classifier'"):
+        load_network("classifier", SHIPPED / "dvr.npz")
