@@ -25,11 +25,15 @@ def describe_os_error(error: OSError) -> str:
     return f"cannot use the file {os.fspath(error.filename)!r}: {reason}."
 
 
-def run_command(main: Callable[[], int | None]) -> NoReturn:
+def run_command(main: Callable[[], int | None], at_once: bool = False) -> NoReturn:
     """Run a command line's `main` and end the process with its exit code (None counts as 0).
 
     A `DvrError` or a file's `OSError` becomes one line on stderr and exit code 2; Ctrl-C becomes 130.
     Any other exception is a defect of this package and keeps its traceback.
+
+    Args:
+        main: what the command does.
+        at_once: once it has returned, wait for no thread and tidy up nothing.
     """
     try:
         code = main()
@@ -46,4 +50,7 @@ def run_command(main: Callable[[], int | None]) -> NoReturn:
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         sys.exit(EXIT_INTERRUPTED)
+    if at_once:
+        sys.stderr.flush()
+        os._exit(code or 0)
     sys.exit(code or 0)

@@ -14,7 +14,6 @@ import tyro
 
 from dvr_jax.check.motion import save_motion
 from dvr_jax.errors import DvrError, run_command
-from dvr_jax.film import save_animation, save_depth_picture, save_film
 from dvr_jax.planner import Plan, plan
 from dvr_jax.scene.mjcf import scene_xml
 from dvr_jax.scene.scene import load_scene, scene_to_json
@@ -52,6 +51,8 @@ class PlanOptions:
 
 def write_plan(folder: Path, result: Plan, animation: bool) -> None:
     """Write everything that is known of a plan into a folder."""
+    from dvr_jax.film import save_animation, save_depth_picture, save_film  # half a second that others need not wait
+
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "scene.xml").write_text(scene_xml(result.scene), encoding="utf-8")
     save_depth_picture(folder / "depth.png", result.scene)
@@ -119,4 +120,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    run_command(main)
+    # What the warm-up still compiles, nobody waits for.
+    run_command(main, at_once=True)

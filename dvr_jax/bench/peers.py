@@ -3,8 +3,8 @@
 Each scene gives, for every length, sequences drawn at random and sequences whose keyframes our search finds feasible;
 the latter favour ours, so the tables end with both kinds apart.
 Both solvers run warm, in one process on one core. Keyframes: `robotic` solves its NLP once from the home posture, as
-its tutorials do; ours is what a search does for one sequence, particles of every prefix and NLPs from the best of them
-(without the company of other sequences, which a search has: the program for particles extends eight prefixes at once).
+its tutorials do; ours is what a search does for one sequence, particles of every prefix and NLPs from the best of them,
+without the company of other sequences that a search has.
 Paths: one NLP each, from the solver's own keyframes. Loading, set-up and compilation are not timed. `robotic`'s
 solutions are judged a second time, as points of our NLP by our measure; feasible paths by the independent check."""
 
@@ -47,7 +47,7 @@ from dvr_jax.komo.augmented import Settings
 from dvr_jax.komo.engine import STEPS_PER_PHASE, Solved, path_problem, stack
 from dvr_jax.komo.interpolation import interpolate
 from dvr_jax.komo.problem import Problem, Variables
-from dvr_jax.komo.solver import CHUNK, Geometry, judge, lay_out_trial, measure_chunk, start
+from dvr_jax.komo.solver import CHUNK, Geometry, judge, lay_out_chunks, measure_chunk, start
 from dvr_jax.komo.transcription import transcribe
 from dvr_jax.komo.verdict import PENETRATION_TOLERANCE
 from dvr_jax.logic import Action, Grounding
@@ -143,7 +143,7 @@ def judge_point(problem: Problem, x: Variables) -> dict[str, float]:
     batch: Problem = stack([problem] * lanes)
     states = start(batch, stack([x] * lanes), settings)
     geometry = []
-    for chunk in lay_out_trial(batch, states):
+    for chunk in lay_out_chunks(batch, states.x):
         measured = measure_chunk(chunk)
         geometry.append(Geometry(measured.distance, measured.hand_R, measured.hand_p, measured.screws))
     seen, _ = judge(batch, settings, states, tuple(geometry))

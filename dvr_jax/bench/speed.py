@@ -17,7 +17,7 @@ from dvr_jax.bench.recall import PROBLEMS, judge_prefix, random_keyframes, read_
 from dvr_jax.komo.augmented import Settings
 from dvr_jax.komo.engine import extend_prefixes, extension_lanes, keyframe_start, path_problem, path_start, solve, stack
 from dvr_jax.komo.slices import ACTIVE
-from dvr_jax.komo.solver import CHUNK, Geometry, judge, lay_out_trial, measure_chunk, reduce_chunk, start
+from dvr_jax.komo.solver import CHUNK, Geometry, judge, lay_out_chunks, measure_chunk, reduce_chunk, start
 from dvr_jax.komo.transcription import transcribe
 from dvr_jax.logic import Action
 from dvr_jax.scene.sampling import sample_scenes
@@ -57,7 +57,7 @@ def time_slices(number_of_objects: int, repeats: int) -> None:
     batch = stack([problem] * (CHUNK // 2))
     settings = jax.tree.map(np.asarray, Settings())
     lanes = start(batch, stack([random_keyframes(problem, generator) for _ in range(CHUNK // 2)]), settings)
-    (chunk,) = lay_out_trial(batch, lanes)
+    (chunk,) = lay_out_chunks(batch, lanes.x)
     measured = measure_chunk(chunk)
     geometry = Geometry(measured.distance, measured.hand_R, measured.hand_p, measured.screws)
     _, (push,) = judge(batch, settings, lanes, (geometry,))

@@ -37,8 +37,8 @@ class Examples(NamedTuple):
     """Index into the actions of the scene's grounding, or PADDING (n, K)."""
     targets: NDArray[np.float32]
     """f_j of the paper: 1 where the first j actions begin a feasible sequence, else 0, also where padded (n, K)."""
-    known: NDArray[np.bool_]
-    """Whether a target is known, by `dvr_jax.dataset.targets.Verdicts`; not where padded (n, K)."""
+    weight: NDArray[np.float32]
+    """How much a target counts: 1 where it is known, by `dvr_jax.dataset.targets.Verdicts`, else 0 (n, K)."""
     refuted_after: NDArray[np.int32]
     """Number of actions after which a label refutes the sequence, 0 if it is feasible (n,)."""
     length: NDArray[np.int32]
@@ -109,16 +109,16 @@ def load_examples(
     length = np.array([len(sequence) for sequence in sequences], dtype=np.int32)
     filled = np.arange(k_max) < length[:, None]
     actions = np.full(filled.shape, PADDING, dtype=np.int32)
-    padded, certain = np.zeros(filled.shape, dtype=np.float32), np.zeros_like(filled)
+    padded, weight = np.zeros((2, *filled.shape), dtype=np.float32)
     if sequences:  # a mask is filled row by row, in the order of the sequences
         actions[filled] = [index for sequence in sequences for index in sequence]
-        padded[filled], certain[filled] = np.concatenate(values), np.concatenate(knowledge)
+        padded[filled], weight[filled] = np.concatenate(values), np.concatenate(knowledge)
     return Examples(
         scenes,
         np.array(scene, dtype=np.int32),
         actions,
         padded,
-        certain,
+        weight,
         np.array(refuted, dtype=np.int32),
         length,
         np.array(feasible, dtype=np.bool_),
@@ -128,7 +128,7 @@ def load_examples(
 def count_targets(examples: Examples) -> TargetCounts:
     """Counts of sequences by verdict, and of targets by value."""
     feasible, ones = int(examples.feasible.sum()), int(examples.targets.sum(dtype=np.float64))
-    known = examples.known & (examples.targets == 0)
+    known = (examples.weight > 0) & (examples.targets == 0)
     return TargetCounts(
         scenes=len(examples.scenes),
         feasible=feasible,

@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-from dvr_jax.komo.augmented import Lane
-from dvr_jax.komo.problem import Problem
-from dvr_jax.komo.solver import lay_out_trial, measure_chunk
+from dvr_jax.komo.problem import Problem, Variables
+from dvr_jax.komo.solver import lay_out_chunks, nearest_in_chunk
 
 Floats = NDArray[np.float64]
 
@@ -43,10 +42,15 @@ def joint_curve(home: Floats, q: Floats) -> PchipInterpolator:
 
 def place_samples(problem: Problem, q: Floats, share: Floats) -> Problem:
     """A path's NLP with samples (T, M) on the motion through q (T, 14)."""
+    return problem._replace(share=share, offset=_deviation(problem.home, q, joint_curve(problem.home, q), share))
+
+
+def _deviation(home: Floats, q: Floats, curve: PchipInterpolator, share: Floats) -> Floats:
+    """By how much the motion through q deviates from a straight line at these shares (T, M) of the intervals."""
     times = np.arange(len(q))[:, None] + share
-    before = np.concatenate([problem.home[None], q[:-1]])[:, None]
+    before = np.concatenate([home[None], q[:-1]])[:, None]
     line = before + share[..., None] * (q[:, None] - before)
-    return problem._replace(share=share, offset=joint_curve(problem.home, q)(times) - line)
+    return np.asarray(curve(times) - line)
 
 
 def even_shares(T: int) -> Floats:
@@ -63,30 +67,28 @@ class Looks(NamedTuple):
     """(B, T, L) deepest penetration of anything, negative where all is clear [m]."""
 
 
-def look_between(problems: Problem, lanes: Lane) -> Looks:
+def look_between(problems: Problem, x: Variables) -> Looks:
     """Penetrations at the times 1/R, ..., (R - 1)/R of each interval, R = `SAMPLES_PER_SLICE`, and in the middle of
     those `PATH_SAMPLES` of the gaps between them whose ends are deepest: a finger can pass an object's edge in one."""
     B, T, M = problems.share.shape
     even = np.arange(1, SAMPLES_PER_SLICE) / SAMPLES_PER_SLICE
-    looks = [_look(problems, lanes, np.broadcast_to(part, (B, T, M))) for part in even.reshape(-1, M)]
+    home, q = np.asarray(problems.home), np.asarray(x.q)
+    curves = [joint_curve(*lane) for lane in zip(home, q, strict=True)]
+
+    def see(share: Floats) -> Looks:
+        """At as many times as the NLP has samples, so that the solver's compiled programs serve."""
+        offset = np.stack([_deviation(*lane) for lane in zip(home, q, curves, share, strict=True)])
+        chunks = lay_out_chunks(problems._replace(share=share, offset=offset), x)
+        distance = np.concatenate([np.asarray(nearest_in_chunk(chunk)) for chunk in chunks])
+        return Looks(share, -distance[: B * T * M].reshape(B, T, M))
+
+    looks = [see(np.tile(part, (B, T, 1))) for part in even.reshape(-1, M)]
     depth = np.concatenate([look.depth for look in looks], axis=2)
     ends = np.pad(depth, ((0, 0), (0, 0), (1, 1)), mode="edge")
     deepest = np.argsort(-(ends[..., :-1] + ends[..., 1:]), axis=2, kind="stable")[..., :M]
-    looks.append(_look(problems, lanes, (np.sort(deepest, axis=2) + 0.5) / SAMPLES_PER_SLICE))
+    looks.append(see((np.sort(deepest, axis=2) + 0.5) / SAMPLES_PER_SLICE))
     share, depth = (np.concatenate([look[part] for look in looks], axis=2) for part in range(2))
     return Looks(share, depth)
-
-
-def _look(problems: Problem, lanes: Lane, share: Floats) -> Looks:
-    """At as many times as the NLP has samples, so that the solver's compiled programs serve."""
-    B, T, M = share.shape
-    lanes = lanes._replace(step=lanes.step._replace(q=np.zeros_like(lanes.x.q), m=np.zeros_like(lanes.x.m)))
-    placed = [place_samples(Problem(*(leaf[b] for leaf in problems)), lanes.x.q[b], share[b]) for b in range(B)]
-    batch = problems._replace(
-        share=np.stack([problem.share for problem in placed]), offset=np.stack([p.offset for p in placed])
-    )
-    distance = [np.asarray(measure_chunk(chunk).distance).min(axis=1) for chunk in lay_out_trial(batch, lanes)]
-    return Looks(share, -np.concatenate(distance)[: B * T * M].reshape(B, T, M))
 
 
 def move_samples(problem: Problem, q: Floats, share: Floats, depth: Floats) -> Problem:

@@ -27,7 +27,7 @@ from dvr_jax.komo.between import (
 from dvr_jax.komo.particles import RANDOM_SHAPE, SHARES, Particles, case_of, extend
 from dvr_jax.komo.problem import HELD_LEFT, Problem, Variables
 from dvr_jax.komo.proposals import Extension
-from dvr_jax.komo.solver import CHUNK, iterate, lay_out_trial, start
+from dvr_jax.komo.solver import CHUNK, iterate, lay_out_chunks, start
 from dvr_jax.komo.verdict import Violations
 from dvr_jax.robot.inverse_kinematics import shift_gripper
 from dvr_jax.scene.workspace import BASE_POSITIONS
@@ -52,6 +52,12 @@ CLEARANCE = 0.08
 
 STEPS_PER_PHASE = 10
 """Slices of a path per phase."""
+
+RESTARTED = (
+    "step", "damping", "value", "report", "updated_ratio", "best_ratio", "inner", "stale", "iterations", "restoration",
+    "status",
+)  # fmt: skip
+"""Of a `Lane`, what changes when its solution penetrates between its samples."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,15 +157,16 @@ def solve(problems: Sequence[Problem], starts: Sequence[Variables], settings: Se
     states = start(batch, stack([starts[i or 0] for i in owner]), settings)
     states.status[:] = [FEASIBLE if i is None else RUNNING for i in owner]
     batch_on_device, settings = jax.device_put((batch, settings))
-    chunks = lay_out_trial(batch, states)
+    chunks = lay_out_chunks(batch_on_device, states.x)
     while True:
         states, chunks = iterate(batch_on_device, settings, states, chunks)
         status = np.asarray(states.status)
         ended = [lane for lane, i in enumerate(owner) if i is not None and status[lane] != RUNNING]
         found = [lane for lane in ended if status[lane] == FEASIBLE] if is_path else []
         if found:
-            states = jax.tree.map(np.array, states)
-            looks = look_between(batch, states)
+            looks = look_between(batch_on_device, states.x)
+            # To change; the others stay where they are.
+            states = states._replace(**{name: jax.tree.map(np.array, getattr(states, name)) for name in RESTARTED})
             depths = looks.depth.max(axis=(1, 2))
             for lane in found:
                 if depths[lane] <= BETWEEN_TOLERANCE:
@@ -170,13 +177,15 @@ def solve(problems: Sequence[Problem], starts: Sequence[Variables], settings: Se
                 exchanges[lane] += 1
                 spent[lane] += states.iterations[lane]
                 problem = jax.tree.map(lambda leaf, lane=lane: leaf[lane], batch)
-                moved = move_samples(problem, states.x.q[lane], looks.share[lane], looks.depth[lane])
-                batch.share[lane], batch.offset[lane] = moved.share, moved.offset
+                placed = move_samples(problem, np.asarray(states.x.q)[lane], looks.share[lane], looks.depth[lane])
+                batch.share[lane], batch.offset[lane] = placed.share, placed.offset
                 _go_on(states, lane, settings)
-            status = states.status
+            status = np.asarray(states.status)
             ended = [lane for lane in ended if status[lane] != RUNNING]
-            batch_on_device = jax.device_put(batch)
-            chunks = lay_out_trial(batch, states)
+            if any(status[lane] == RUNNING for lane in found):
+                moved = jax.device_put((batch.share, batch.offset))
+                batch_on_device = batch_on_device._replace(share=moved[0], offset=moved[1])
+                chunks = lay_out_chunks(batch_on_device, _trial_points(states))
         running = sum(i is not None for i in owner) - len(ended)
         if not ended or (running and len(ended) < REFILLED * lanes):
             continue
@@ -196,9 +205,13 @@ def solve(problems: Sequence[Problem], starts: Sequence[Variables], settings: Se
             _assign(batch, refilled, new_problems)
             _assign(states, refilled, start(new_problems, new_starts, settings))
             batch_on_device = jax.device_put(batch)
-            chunks = lay_out_trial(batch, states)
+            chunks = lay_out_chunks(batch_on_device, _trial_points(states))
         elif not running:
             return results  # type: ignore[return-value]
+
+
+def _trial_points(states: Lane) -> Variables:
+    return jax.tree.map(lambda x, step: np.asarray(x) + np.asarray(step), states.x, states.step)
 
 
 def _go_on(states: Lane, lane: int, settings: Settings) -> None:

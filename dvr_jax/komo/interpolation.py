@@ -78,11 +78,14 @@ def _carry_objects(scene: Scene, problem: Problem, m: Floats, phase: NDArray[np.
     model = build_model(scene)
     data = mujoco.MjData(model)
     sites = [model.site(f"{arm}/gripper").id for arm in ARM_NAMES]
-    hand_p, hand_R = np.zeros((len(qpos), 2, 3)), np.zeros((len(qpos), 2, 9))
+    # The arrays stay where they are from one sample to the next.
+    state, positions, rotations = data.qpos, data.site_xpos, data.site_xmat
+    all_p, all_R = np.empty((len(qpos), *positions.shape)), np.empty((len(qpos), *rotations.shape))
     for sample, values in enumerate(qpos):
-        data.qpos[:] = values
+        state[:] = values
         mujoco.mj_kinematics(model, data)
-        hand_p[sample], hand_R[sample] = data.site_xpos[sites], data.site_xmat[sites]
+        all_p[sample], all_R[sample] = positions, rotations
+    hand_p, hand_R = all_p[:, sites], all_R[:, sites]
     for k in np.unique(phase):
         samples = phase == k
         for n, columns in enumerate(qpos_layout(len(scene.objects)).objects):

@@ -67,6 +67,11 @@ class Reduced(NamedTuple):
     """(L, C)."""
 
 
+def nearest(slices: Slices) -> Array:
+    """Smallest of all signed distances (L,) [m], as in `measure`."""
+    return measure(slices).distance.min(axis=1)  # compiled, all else goes: two thirds of the time of `measure`
+
+
 def measure(slices: Slices) -> Measured:
     """Distances of all rows, and what their derivatives are made of."""
     L = slices.q.shape[-1]

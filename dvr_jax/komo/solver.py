@@ -23,7 +23,7 @@ from dvr_jax.komo.constraints import Slopes, collect, lay_out
 from dvr_jax.komo.contacts import number_of_rows
 from dvr_jax.komo.lagrangian import EQUALITIES, WEIGHTS, Residuals, cost, gauss_newton_system, residuals, scales
 from dvr_jax.komo.problem import PARAMETERS, Problem, Variables
-from dvr_jax.komo.slices import Measured, Reduced, Slices, measure, reduce_slices
+from dvr_jax.komo.slices import Measured, Reduced, Slices, measure, nearest, reduce_slices
 from dvr_jax.komo.verdict import Violations, measure_violations
 
 CHUNK = 60
@@ -98,15 +98,16 @@ def _joined(chunks: tuple[Array, ...], L: int, axis: int) -> Array:
 
 
 measure_chunk = Program(measure)
+nearest_in_chunk = Program(nearest)
 reduce_chunk = Program(reduce_slices)
 
 
-def _lay_out_trial(problems: Problem, lanes: Lane) -> tuple[Slices, ...]:
-    """Slices of all lanes' trial points, in chunks."""
-    return _chunks(lay_out(problems, trial_point(lanes)))
+def _lay_out_chunks(problems: Problem, x: Variables) -> tuple[Slices, ...]:
+    """Slices of a point of all problems, in chunks."""
+    return _chunks(lay_out(problems, x))
 
 
-lay_out_trial = Program(_lay_out_trial)
+lay_out_chunks = Program(_lay_out_chunks)
 
 
 @Program
@@ -160,7 +161,7 @@ def advance(
         return jnp.where(running.reshape(-1, *(1,) * (new.ndim - 1)), new, old)
 
     lanes = materialize(jax.tree.map(choose, new, lanes))
-    return lanes, _lay_out_trial(problems, lanes)
+    return lanes, _lay_out_chunks(problems, trial_point(lanes))
 
 
 def _solve(system: BorderedSystem, damping: Array) -> Variables:
@@ -174,7 +175,7 @@ def iterate(
     """One iteration of a batch: compiled programs, called one after the other.
 
     Args:
-        chunks: slices of the trial points (`lay_out_trial`).
+        chunks: slices of the trial points (`lay_out_chunks`).
     """
     measured: list[Measured] = [measure_chunk(chunk) for chunk in chunks]
     geometry = tuple(Geometry(m.distance, m.hand_R, m.hand_p, m.screws) for m in measured)

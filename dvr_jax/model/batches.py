@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from dvr_jax.dataset import Examples
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import Grounding, ground_actions
-from dvr_jax.model.encoding import TURNED, ActionCodes, encode_actions, goal_tuple
+from dvr_jax.model.encoding import MIRRORED, ActionCodes, encode_actions, goal_tuple
 from dvr_jax.model.export import Kind
 from dvr_jax.model.images import ImageStack
 from dvr_jax.scene.scene import scene_to_json
@@ -35,8 +35,8 @@ class Batch(NamedTuple):
 
     view_scene: NDArray[np.int32]
     """Scene of each view (V,)."""
-    view_turned: NDArray[np.bool_]
-    """Whether it is turned by 180 degrees (V,)."""
+    view_mirrored: NDArray[np.bool_]
+    """Whether its x and its y are reversed (V, 2)."""
     image_view: NDArray[np.int32]
     """View of each image (M,)."""
     image_pair: NDArray[np.int32]
@@ -52,8 +52,8 @@ class Batch(NamedTuple):
     target: NDArray[np.float32]
     """0 or 1 (B, K)."""
     mask: NDArray[np.float32]
-    """1 where a step counts (B, K): where its target is known; for the classifier, where the verdict on the sequence so
-    far is: at all actions of a feasible sequence, else from that on which refutes it."""
+    """How much a step counts (B, K): as its target weighs; for the classifier 1 where the verdict on the sequence so
+    far is known, at all actions of a feasible sequence, else from that on which refutes it."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ def check_examples(examples: Examples, source: str) -> None:
     shapes = {
         "actions": (examples.actions.shape, (number, longest)),
         "targets": (examples.targets.shape, (number, longest)),
-        "known": (examples.known.shape, (number, longest)),
+        "weight": (examples.weight.shape, (number, longest)),
         "refuted_after": (examples.refuted_after.shape, (number,)),
         "length": (examples.length.shape, (number,)),
         "feasible": (examples.feasible.shape, (number,)),
@@ -223,7 +223,7 @@ class Draws:
             steps = (length - np.maximum(np.asarray(examples.refuted_after) - 1, 0)).astype(float)
         else:
             ones = np.asarray(examples.targets).sum(axis=1, dtype=float)
-            steps = np.asarray(examples.known).sum(axis=1, dtype=float)
+            steps = np.asarray(examples.weight).sum(axis=1, dtype=float)
         solved = np.diff(self.feasible_bounds) > 0
         # Scenes with feasible sequences are as likely as each other, and so are those without; batches of the latter
         # alone are drawn again if they are to hold feasible sequences.
@@ -248,10 +248,10 @@ def _means(values: NDArray[np.floating], bounds: NDArray[np.integer]) -> NDArray
     return np.diff(sums) / np.maximum(np.diff(bounds), 1)
 
 
-def draw_turned(scenes: int, seed: int, step: int) -> NDArray[np.bool_]:
-    """Which scenes one batch shows turned by 180 degrees (S,): the two arms stand opposite each other, so what is
-    feasible stays so when they change places."""
-    return np.random.default_rng([seed, step, 1]).random(scenes) < 0.5
+def draw_mirrored(scenes: int, seed: int, step: int) -> NDArray[np.bool_]:
+    """Of which scenes one batch reverses x and y (S, 2). The two arms stand opposite each other, and but for a housing
+    at the forearm each is its own mirror image: what is feasible stays so."""
+    return np.random.default_rng([seed, step, 1]).random((scenes, 2)) < 0.5
 
 
 def assemble_batch(
@@ -259,9 +259,9 @@ def assemble_batch(
     table: SceneTable,
     rows: NDArray[np.integer],
     kind: Kind,
-    turned: NDArray[np.bool_] | None = None,
+    mirrored: NDArray[np.bool_] | None = None,
 ) -> Batch:
-    """The batch of these sequences (B,), some of the scenes (S,) turned by 180 degrees."""
+    """The batch of these sequences (B,), some of the scenes' x and y reversed (S, 2)."""
     scene, actions = np.asarray(examples.scene)[rows], np.asarray(examples.actions)[rows]
     length, steps = np.asarray(examples.length)[rows][:, None], np.arange(actions.shape[1])
     inside = steps < length
@@ -274,22 +274,23 @@ def assemble_batch(
     distinct, place = np.unique(view[:, None] * count + tuples, return_inverse=True)
     image: NDArray[np.int32] = place.reshape(tuples.shape).astype(np.int32)
     view_scene, distinct = _filled(view_scene, VIEW_BUCKET), _filled(distinct, IMAGE_BUCKET)
-    view_turned = np.zeros(len(view_scene), np.bool_) if turned is None else turned[view_scene]
+    view_mirrored = np.zeros((len(view_scene), 2), np.bool_) if mirrored is None else mirrored[view_scene]
+    here = view_mirrored[view][:, None]
     image_view, image_tuple = np.divmod(distinct, count)
     symbol, normal = table.symbol[scene[:, None], actions], table.normal[scene[:, None], actions]
     if kind == "classifier":
         target = np.broadcast_to(np.asarray(examples.feasible)[rows][:, None], actions.shape)
         mask = inside & (steps >= np.asarray(examples.refuted_after)[rows][:, None] - 1)
     else:
-        mask, target = np.asarray(examples.known)[rows], np.asarray(examples.targets)[rows]
+        mask, target = np.asarray(examples.weight)[rows], np.asarray(examples.targets)[rows]
     return Batch(
         view_scene.astype(np.int32),
-        view_turned,
+        view_mirrored,
         image_view.astype(np.int32),
         table.pairs[view_scene[image_view], image_tuple],
         image[:, -1],
-        np.where(view_turned[view][:, None], TURNED[symbol], symbol),
-        np.where(view_turned[view][:, None, None], -normal, normal),
+        MIRRORED[here[..., 0].astype(int), here[..., 1].astype(int), symbol],
+        np.where(here, -normal, normal),
         image[:, :-1],
         np.where(mask, target, 0).astype(np.float32),
         mask.astype(np.float32),

@@ -35,10 +35,24 @@ SUPPORTS = ("table", "goal")
 SYMBOLS: tuple[Symbol, ...] = (*product(("grasp",), ARMS, DIRECTIONS), *product(("place",), ARMS, SUPPORTS))
 """All symbols; the place of one in this list is its code."""
 
-_OPPOSITE = dict(zip((*ARMS, *DIRECTIONS), (*reversed(ARMS), *DIRECTIONS[2:], *DIRECTIONS[:2]), strict=True))
+_MIRRORED = (
+    {"left": "right", "right": "left", "east": "west", "west": "east"},
+    {"north": "south", "south": "north"},
+)
+"""Words that change when a scene's x or y is reversed; with x, the arms change places."""
 
-TURNED = np.array([SYMBOLS.index(tuple(_OPPOSITE.get(word, word) for word in symbol)) for symbol in SYMBOLS], np.int32)
-"""Code of each symbol when the scene is turned by 180 degrees about the table's middle: arms change places."""
+MIRRORED = np.array(
+    [
+        [
+            [SYMBOLS.index(tuple((in_x | in_y).get(word, word) for word in symbol)) for symbol in SYMBOLS]
+            for in_y in ({}, _MIRRORED[1])
+        ]
+        for in_x in ({}, _MIRRORED[0])
+    ],
+    np.int32,
+)
+"""Code of each symbol when the scene's x is reversed and when its y is (2, 2, symbols); both are a turn by 180 degrees
+about the table's middle."""
 
 _CODE = {symbol: code for code, symbol in enumerate(SYMBOLS)}
 _PLACE_ON_GOAL = frozenset(symbol for symbol in SYMBOLS if symbol[0] == "place" and symbol[2] == "goal")

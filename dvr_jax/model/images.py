@@ -103,14 +103,15 @@ def stack_images(images: Sequence[SceneImages], most_objects: int) -> ImageStack
 
 
 def show_scenes(
-    height: jax.Array, masks: jax.Array, scene: jax.Array, turned: jax.Array
+    height: jax.Array, masks: jax.Array, scene: jax.Array, mirrored: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
     """Channels of shown scenes, heights (V, H, W) and masks (V, M, H, W), as an action-object image has them: view v
-    shows scene `scene[v]` (V,) of heights (S, H, W) and masks (S, M, H, W), turned by 180 degrees where `turned` (V,).
-    Runs on the device."""
+    shows scene `scene[v]` (V,) of heights (S, H, W) and masks (S, M, H, W), its x and its y reversed where `mirrored`
+    (V, 2). Runs on the device."""
 
-    def turn(images: jax.Array) -> jax.Array:
-        back = jnp.expand_dims(turned, tuple(range(1, images.ndim)))
-        return BRIGHTNESS * jnp.where(back, images[..., ::-1, ::-1], images).astype(jnp.float32)
+    def show(images: jax.Array) -> jax.Array:
+        in_x, in_y = jnp.expand_dims(mirrored.T, tuple(range(2, images.ndim + 1)))
+        images = jnp.where(in_x, images[..., ::-1], images)
+        return BRIGHTNESS * jnp.where(in_y, images[..., ::-1, :], images).astype(jnp.float32)
 
-    return turn(height[scene]), turn(masks[scene]) / WHOLE_PIXEL
+    return show(height[scene]), show(masks[scene]) / WHOLE_PIXEL

@@ -48,7 +48,7 @@ def _greedy(weights: Weights, table: SceneTable, scenes: NDArray[np.int_], k_max
     # Image codes of all tuples of all scenes, one after the other; too few scenes are repeated.
     count = table.pairs.shape[1]
     full = np.resize(scenes, SCENES_AT_ONCE)
-    plain, view = np.zeros(SCENES_AT_ONCE, np.bool_), np.repeat(np.arange(SCENES_AT_ONCE, dtype=np.int32), count)
+    plain, view = np.zeros((SCENES_AT_ONCE, 2), np.bool_), np.repeat(np.arange(SCENES_AT_ONCE, dtype=np.int32), count)
     shown = full.astype(np.int32), plain, view, table.pairs[full].reshape(-1, 2)
     codes = _encode(weights, table.height, table.masks, *shown)
     states = [grounding.initial_state for grounding in groundings]

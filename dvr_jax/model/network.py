@@ -36,8 +36,9 @@ Parameters = dict[str, Any]
 KERNEL = (5, 5)
 STRIDES = (1, 2, 2)
 
-RECURRENT = ("hr", "hz", "hn")
-"""Names of the GRU's layers that act on the state."""
+RECURRENT, INPUT = ("hr", "hz", "hn"), ("ir", "iz", "in")
+"""Names of the GRU's layers that act on the state, and of those that act on the codes: of the reset gate, the update
+gate and the candidate."""
 
 SMALLEST_IMAGE, LARGEST_IMAGE = 8, 1024
 
@@ -189,17 +190,17 @@ def encode_images(
     height: jax.Array,
     masks: jax.Array,
     scene: jax.Array,
-    turned: jax.Array,
+    mirrored: jax.Array,
     view: jax.Array,
     pairs: jax.Array,
 ) -> jax.Array:
     """Codes (B, dense) of action-object images of shown scenes: image b has the heights of view `view[b]` (B,) and its
     masks `pairs[b]` (B, 2), of the views that `images.show_scenes` makes of heights (S, H, W), masks (S, M, H, W),
-    scene (V,) and turned (V,). The last of a scene's masks is all zeros.
+    scene (V,) and mirrored (V, 2). The last of a scene's masks is all zeros.
 
     The first convolution is linear, so the heights' part is convolved once per view and the masks' once per mask."""
     layers = [weights.parameters[f"convolutions_{i}"] for i in range(len(STRIDES))]
-    seen, marked = show_scenes(height, masks, scene, turned)
+    seen, marked = show_scenes(height, masks, scene, mirrored)
     ground, first, second = (packed_kernel(layers[0]["kernel"][:, :, i : i + 1]) for i in range(CHANNELS))
     bias = jnp.tile(layers[0]["bias"], 4)
     of_height = convolve(pack(seen[..., None]), ground) + bias
@@ -230,6 +231,38 @@ def step(
     network, variables = weights.network()
     result: Any = network.apply(variables, hidden, symbol_code, image_code, goal_code, method=Network.step)
     return result
+
+
+def input_gates(
+    weights: Weights, symbol_codes: jax.Array, image_codes: jax.Array, image: jax.Array, goal_code: jax.Array
+) -> jax.Array:
+    """What actions add to the GRU's gates (A, 3 hidden), whatever was done before them: a search computes it once.
+
+    Args:
+        weights: of the network.
+        symbol_codes: (A, dense).
+        image_codes: (P, dense).
+        image: index of each action's image (A,).
+        goal_code: (dense,); ignored by a network without goal.
+    """
+    layers = [weights.parameters["cell"][name] for name in INPUT]
+    kernel = jnp.concatenate([layer["kernel"] for layer in layers], axis=1)
+    of_symbol, of_image, *of_goal = jnp.split(kernel, 2 + weights.config.goal)
+    gates = symbol_codes @ of_symbol + (image_codes @ of_image)[image]
+    gates = gates + jnp.concatenate([layer["bias"] for layer in layers])
+    return gates + goal_code @ of_goal[0] if of_goal else gates
+
+
+def step_from_gates(weights: Weights, hidden: jax.Array, gates: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Logits (B,) and states (B, hidden) as `step` gives them, from `input_gates` (B, 3 hidden) and the states before
+    (B, hidden), or one state (1, hidden) before all actions."""
+    cell, output = weights.parameters["cell"], weights.parameters["output"]
+    of_reset, of_update, of_candidate = (hidden @ cell[name]["kernel"] for name in RECURRENT)
+    reset, update, candidate = jnp.split(gates, 3, axis=-1)
+    kept = nn.sigmoid(update + of_update)
+    candidate = jnp.tanh(candidate + nn.sigmoid(reset + of_reset) * (of_candidate + cell["hn"]["bias"]))
+    after = (1 - kept) * candidate + kept * hidden
+    return (after @ output["kernel"] + output["bias"])[..., 0], after
 
 
 def run_sequence(

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -30,7 +30,7 @@ from dvr_jax.logic import Grounding, ground_actions
 from dvr_jax.model.encoding import encode_actions, goal_tuple
 from dvr_jax.model.export import Header, Kind, load_weights
 from dvr_jax.model.images import SceneImages, scene_images, stack_images
-from dvr_jax.model.network import Weights, encode_images, encode_symbols, step
+from dvr_jax.model.network import Weights, encode_images, encode_symbols, input_gates, step_from_gates
 from dvr_jax.scene.types import Scene
 from dvr_jax.scene.workspace import MAXIMUM_OBJECTS
 
@@ -43,19 +43,11 @@ OBJECT_NUMBERS = (1, 2, 4, 8)
 
 _MOST_ACTIONS = 12 * MAXIMUM_OBJECTS
 
+_Rows = jax.Array | NDArray[Any]
+"""What a program takes: NumPy's arrays as they are, which costs less than to put them on the device before."""
+
 SHIPPED = Path(__file__).parents[1] / "networks"
 """Trained networks, one a kind: KIND.npz. In the repository a link to data/networks, in a wheel a folder."""
-
-
-class _Codes(NamedTuple):
-    """Codes of a scene on the device; padded with zeros to a length that no scene exceeds."""
-
-    symbol: jax.Array
-    """(96, dense) by action."""
-    image: jax.Array
-    """(96, dense) by action."""
-    goal: jax.Array
-    """(dense,)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +57,8 @@ class SceneCode:
     scene: Scene
     grounding: Grounding
     """Its actions; a network's action index is an index into `grounding.actions`."""
-    codes: _Codes
+    gates: jax.Array
+    """What each action adds to the GRU's gates (96, 3 H), on the device; padded to a length that no scene exceeds."""
     hidden_size: int
 
     def initial_hidden(self, number: int = 1) -> NDArray[np.float32]:
@@ -114,17 +107,15 @@ class Predictor:
         stack = stack_images([self._checked(self.look(scene) if images is None else images, scene)], number)
         pairs = np.full((2 * number, 2), len(names) + 1, np.int32)  # padding: two masks of zeros
         pairs[: len(actions.pairs)] = actions.pairs
-        codes = _encode_scene(
+        gates = _encode_scene(
             self.weights,
-            jnp.asarray(stack.height),
-            jnp.asarray(stack.masks),
-            jnp.asarray(pairs),
-            jnp.asarray(goal_tuple(scene), jnp.int32),
-            _padded(actions.symbol, _MOST_ACTIONS),
-            _padded(actions.normal, _MOST_ACTIONS),
-            _padded(actions.tuple_index, _MOST_ACTIONS),
+            stack.height,
+            stack.masks,
+            pairs,
+            np.asarray(goal_tuple(scene), np.int32),
+            *(_padded(rows, 12 * number) for rows in (actions.symbol, actions.normal, actions.tuple_index)),
         )
-        return SceneCode(scene, grounding, codes, self.weights.config.hidden)
+        return SceneCode(scene, grounding, gates, self.weights.config.hidden)
 
     def _checked(self, images: SceneImages, scene: Scene) -> SceneImages:
         size = self.weights.config.image_size
@@ -139,20 +130,23 @@ class Predictor:
         self, code: SceneCode, hidden: NDArray[np.float32], actions: Sequence[int] | NDArray[np.integer]
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Probabilities (B,) of the next actions `actions` (B,) after prefixes whose states are `hidden` (B, H), and
-        the states (B, H) after those actions."""
+        the states (B, H) after those actions; one state (1, H) where all follow the same prefix."""
         chosen = np.asarray(actions, np.int32).reshape(-1)
         hidden = np.asarray(hidden, np.float32)
-        if hidden.shape != (len(chosen), code.hidden_size):
+        shared = hidden.shape == (1, code.hidden_size)
+        if not shared and hidden.shape != (len(chosen), code.hidden_size):
             raise DvrError(f"the states have shape {hidden.shape}; valid is {(len(chosen), code.hidden_size)}.")
         wrong = chosen[(chosen < 0) | (chosen >= len(code.grounding.actions))]
         if len(wrong):
             raise DvrError(f"there is no action {wrong[0]}; valid are 0 to {len(code.grounding.actions) - 1}.")
-        probabilities, after = np.empty(len(chosen), np.float32), np.empty_like(hidden)
+        probabilities = np.empty(len(chosen), np.float32)
+        after = np.empty((len(chosen), code.hidden_size), np.float32)
         for first in range(0, len(chosen), BATCH_SIZES[-1]):
             rows = slice(first, min(first + BATCH_SIZES[-1], len(chosen)))
             count = rows.stop - first
             size = next(size for size in BATCH_SIZES if size >= count)
-            result = _step(self.weights, code.codes, _padded(hidden[rows], size), _padded(chosen[rows], size))
+            before = hidden if shared else _padded(hidden[rows], size)
+            result = _step(self.weights, code.gates, before, _padded(chosen[rows], size))
             probabilities[rows], after[rows] = (np.asarray(item)[:count] for item in result)
         return probabilities, after
 
@@ -175,34 +169,36 @@ def _shipped_network(kind: str) -> Predictor:
     return load_network(kind, path)
 
 
-def _padded(rows: NDArray[Any], size: int) -> jax.Array:
-    """The array with rows of zeros behind it, on the device."""
+def _padded(rows: NDArray[Any], size: int) -> NDArray[Any]:
+    """The array with rows of zeros behind it."""
     result = np.zeros((size, *rows.shape[1:]), rows.dtype)
     result[: len(rows)] = rows
-    return jnp.asarray(result)
+    return result
 
 
 @Program
 def _encode_scene(
     weights: Weights,
-    height: jax.Array,
-    masks: jax.Array,
-    pairs: jax.Array,
-    goal: jax.Array,
-    symbols: jax.Array,
-    normals: jax.Array,
-    tuples: jax.Array,
-) -> _Codes:
-    """Codes of one scene: heights (1, H, W), masks (1, M, H, W), pairs (P, 2), goal's tuple (), symbol and tuple of
-    each action (A,), normal of its face (A, 2)."""
-    only = jnp.zeros(1, jnp.int32)
-    images = encode_images(weights, height, masks, only, only > 0, jnp.zeros(len(pairs), jnp.int32), pairs)
-    return _Codes(encode_symbols(weights, symbols, normals), images[tuples], images[goal])
+    height: _Rows,
+    masks: _Rows,
+    pairs: _Rows,
+    goal: _Rows,
+    symbols: _Rows,
+    normals: _Rows,
+    tuples: _Rows,
+) -> jax.Array:
+    """Gates of one scene's actions (96, 3 H), from heights (1, H, W), masks (1, M, H, W), pairs (P, 2), goal's tuple
+    (), symbol and tuple of each action (A,), normal of its face (A, 2)."""
+    height, masks, pairs, symbols, normals = map(jnp.asarray, (height, masks, pairs, symbols, normals))
+    only, as_it_is = jnp.zeros(1, jnp.int32), jnp.zeros((1, 2), bool)
+    images = encode_images(weights, height, masks, only, as_it_is, jnp.zeros(len(pairs), jnp.int32), pairs)
+    words = encode_symbols(weights, symbols, normals)
+    gates = input_gates(weights, words, images, jnp.asarray(tuples), images[jnp.asarray(goal)])
+    return jnp.pad(gates, ((0, _MOST_ACTIONS - len(gates)), (0, 0)))
 
 
 @Program
-def _step(weights: Weights, codes: _Codes, hidden: jax.Array, actions: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _step(weights: Weights, gates: jax.Array, hidden: _Rows, actions: _Rows) -> tuple[jax.Array, jax.Array]:
     """Probabilities (B,) and states (B, H) after actions (B,)."""
-    goal = jnp.broadcast_to(codes.goal, (len(actions), codes.goal.shape[-1]))
-    logit, after = step(weights, hidden, codes.symbol[actions], codes.image[actions], goal)
+    logit, after = step_from_gates(weights, jnp.asarray(hidden), gates[jnp.asarray(actions)])
     return jax.nn.sigmoid(logit), after

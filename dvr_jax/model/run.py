@@ -27,7 +27,7 @@ from dvr_jax.model.batches import (
     SceneTable,
     assemble_batch,
     check_examples,
-    draw_turned,
+    draw_mirrored,
     held_out_scenes,
     scene_table,
 )
@@ -82,14 +82,14 @@ class TrainOptions:
     """Sequences in a batch."""
     least_feasible: int = 16
     """Of these, drawn from the feasible ones."""
-    known: bool = True
-    """Leave out targets of 0 that only say that nobody has looked; without it, all targets count, as in the paper."""
+    unknown: float = 0.0
+    """Weight of targets of 0 that only say that nobody has looked; with 1 all targets count alike, as in the paper."""
     stratified: bool = True
     """Draw the others evenly by the number of actions after which they are refuted; without it, from all evenly."""
     batch_scenes: int = 12
     """Distinct scenes in a batch; the fewer, the faster is a step."""
-    turn: bool = True
-    """Show half of the scenes turned by 180 degrees, the arms exchanged."""
+    mirror: bool = True
+    """Show the scenes with x and y reversed at random, with x the arms exchanged."""
     positive_weight: float | None = None
     """Weight of a target of 1 in the loss; by default zeros and ones weigh the same in the mean."""
     seed: int = 0
@@ -126,6 +126,8 @@ class TrainOptions:
             raise DvrError(f"--validation-scenes is {self.validation_scenes}; valid is 0 or more.")
         if not 0 <= self.least_feasible <= self.batch:
             raise DvrError(f"--least-feasible is {self.least_feasible}; valid is 0 to {self.batch}, the batch.")
+        if not 0 <= self.unknown <= 1:
+            raise DvrError(f"--unknown is {self.unknown}; valid is 0 to 1.")
         for name, value in (("learning-rate", self.learning_rate), ("positive-weight", self.positive_weight)):
             if value is not None and not 0 < value < float("inf"):
                 raise DvrError(f"--{name} is {value}; valid is a positive number.")
@@ -152,8 +154,8 @@ class TrainingData:
 def prepare(options: TrainOptions, examples: Examples, held_out: Examples | None, say: Say = print) -> TrainingData:
     """Check, split, render; `held_out` are separate held-out examples."""
     options.check()
-    if not options.known:
-        examples, held_out = _all_known(examples), None if held_out is None else _all_known(held_out)
+    examples = _weigh_unknown(examples, options.unknown)
+    held_out = None if held_out is None else _weigh_unknown(held_out, options.unknown)
     check_examples(examples, "--data")
     table = _table(examples.scenes, options, options.out / "images.npz", say)
     rows = np.arange(len(examples.scene))
@@ -196,8 +198,8 @@ def train(options: TrainOptions, data: TrainingData, network: NetworkConfig, say
         losses, clock = [], time.monotonic()
         for step in range(state.step + 1, options.steps + 1):
             rows = data.draws.draw(options.seed, step)
-            turned = draw_turned(len(data.examples.scenes), options.seed, step) if options.turn else None
-            batch = assemble_batch(data.examples, data.table, rows, options.kind, turned)
+            mirrored = draw_mirrored(len(data.examples.scenes), options.seed, step) if options.mirror else None
+            batch = assemble_batch(data.examples, data.table, rows, options.kind, mirrored)
             rate = jnp.float32(_learning_rate(options, step))
             weights, optimizer, loss = train_step(
                 weights, optimizer, data.table.height, data.table.masks, batch, rate, positive
@@ -237,14 +239,16 @@ def _require_finite(name: str, value: float, step: int) -> None:
         raise DvrError(f"the {name} is {value} at step {step}; a smaller --learning-rate may help.")
 
 
-def _all_known(examples: Examples) -> Examples:
-    """The examples with the targets of all their actions."""
-    return examples._replace(known=np.arange(examples.actions.shape[1]) < examples.length[:, None])
+def _weigh_unknown(examples: Examples, weight: float) -> Examples:
+    """The examples with this weight of the targets that count nothing."""
+    inside = np.arange(examples.actions.shape[1]) < examples.length[:, None]
+    weights = np.where(inside, np.where(examples.weight > 0, 1, weight), 0)
+    return examples._replace(weight=weights.astype(np.float32))
 
 
 def _course(options: TrainOptions, data: TrainingData) -> dict[str, Any]:
     """Everything on which the course of a run depends besides network, kind and domain; not when it ends."""
-    names = ("learning_rate", "batch", "least_feasible", "known", "stratified", "batch_scenes", "turn", "seed")
+    names = ("learning_rate", "batch", "least_feasible", "unknown", "stratified", "batch_scenes", "mirror", "seed")
     split = "separate" if options.validation else options.held_out
     return {
         **{name: getattr(options, name) for name in names},

@@ -30,7 +30,7 @@ ADAM = optax.scale_by_adam()
 
 def batch_logits(weights: Weights, height: jax.Array, masks: jax.Array, batch: Batch) -> jax.Array:
     """Logits (B, K) of a batch, its images taken from heights (S, H, W) and masks (S, M, H, W)."""
-    shown = (batch.view_scene, batch.view_turned, batch.image_view, batch.image_pair)
+    shown = (batch.view_scene, batch.view_mirrored, batch.image_view, batch.image_pair)
     codes = encode_images(weights, height, masks, *(jnp.asarray(value) for value in shown))
     symbols = encode_symbols(weights, jnp.asarray(batch.symbol), jnp.asarray(batch.normal))
     return run_sequence(weights, symbols, codes[jnp.asarray(batch.image)], codes[jnp.asarray(batch.goal_image)])

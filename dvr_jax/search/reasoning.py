@@ -43,8 +43,8 @@ LARGEST_BATCH = 64
 class Code(Protocol):
     """A scene as a network has encoded it."""
 
-    def initial_hidden(self, number: int = 1) -> NDArray[np.float32]:
-        """State before the first action (number, H)."""
+    def initial_hidden(self) -> NDArray[np.float32]:
+        """State before the first action (1, H)."""
         ...
 
 
@@ -62,7 +62,7 @@ class Network(Protocol):
     def step(
         self, code: Any, hidden: NDArray[np.float32], actions: Sequence[int]
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Probabilities (B,) of actions (B,) after prefixes with states (B, H), and the states after them."""
+        """Probabilities (B,) of actions (B,) after a prefix with the state (1, H), and the states after them (B, H)."""
         ...
 
 
@@ -140,7 +140,7 @@ def _guided(run: Run, network: Network, expand: _ByProbability) -> Steps[Outcome
         images = network.look(tree.scene)
     with run.timed("network"):
         code = network.begin(tree.scene, tree.grounding, images)
-    expand.push(_Candidate(tree.root, 1.0, code.initial_hidden(1)[0]))
+    expand.push(_Candidate(tree.root, 1.0, code.initial_hidden()[0]))
     leaves, threshold, width = _ByProbability(), THRESHOLD, 1
     while expand or leaves:
         tree.look_at_the_clock()
@@ -170,8 +170,7 @@ def _query(run: Run, network: Network, code: Any, parent: _Candidate) -> list[_C
     if not children:
         return []
     actions = [run.tree.grounding.index(child.actions[-1]) for child in children]
-    hidden = np.repeat(parent.hidden[None], len(children), axis=0)
-    probabilities, after = network.step(code, hidden, actions)
+    probabilities, after = network.step(code, parent.hidden[None], actions)
     return [_Candidate(*values) for values in zip(children, probabilities.tolist(), after, strict=True)]
 
 

@@ -10,7 +10,8 @@ import jax
 import jax.numpy as jnp
 
 from dvr_jax.komo.augmented import Settings
-from dvr_jax.komo.engine import EXTENSION_LANES, extend_prefixes, path_problem, path_start, solve
+from dvr_jax.komo.between import look_between
+from dvr_jax.komo.engine import EXTENSION_LANES, extend_prefixes, path_problem, path_start, solve, stack
 from dvr_jax.komo.particles import empty_prefix
 from dvr_jax.komo.problem import PARAMETERS, Variables
 from dvr_jax.komo.transcription import transcribe
@@ -66,12 +67,14 @@ def warm_up(
             code = network.begin(scene, tree.grounding)
             widest = len(list(tree.grounding.applicable(tree.grounding.initial_state)))
             for children in (1, widest):
-                network.step(code, code.initial_hidden(children), range(children))
+                network.step(code, code.initial_hidden(), range(children))
         starts = [path_start(problem, point) for problem, point in zip(problems, keyframes, strict=True)]
         for problem, point in zip(problems, starts, strict=True):
             if stop():
                 return
-            solve([path_problem(problem, point)], [point], once)
+            path = path_problem(problem, point)
+            solve([path], [point], once)
+            look_between(stack([path]), stack([point]))
     _ready.add(_key(scene, k_max, network))
 
 
@@ -91,5 +94,5 @@ def warming_up(scene: Scene, k_max: int, network: Network | None) -> Iterator[No
     try:
         yield
     finally:
-        # It ends with the program that it is at, and the interpreter waits for that.
+        # It ends with the program that it is at.
         done.set()

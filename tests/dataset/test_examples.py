@@ -142,9 +142,10 @@ def test_counts(examples: Examples) -> None:
     assert counts.ones == examples.targets.sum() > 0
     assert counts.feasible == examples.feasible.sum() > 0
     inside = np.arange(examples.actions.shape[1]) < examples.length[:, None]
-    zeros = inside & (examples.targets == 0)
-    assert counts.zeros == zeros.sum() and counts.known_zeros == (zeros & examples.known).sum() > 0
-    assert counts.first_zeros == zeros[:, 0].sum() and counts.known_first_zeros == (zeros & examples.known)[:, 0].sum()
+    zeros, known = inside & (examples.targets == 0), examples.weight == 1
+    assert not examples.weight[~known].any() and not known[~inside].any()
+    assert counts.zeros == zeros.sum() and counts.known_zeros == (zeros & known).sum() > 0
+    assert counts.first_zeros == zeros[:, 0].sum() and counts.known_first_zeros == (zeros & known)[:, 0].sum()
 
 
 def test_all_continuations_and_none_labelled_otherwise(tmp_path: Path) -> None:

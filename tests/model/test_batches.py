@@ -16,11 +16,11 @@ from dvr_jax.model.batches import (
     Draws,
     assemble_batch,
     check_examples,
-    draw_turned,
+    draw_mirrored,
     held_out_scenes,
     scene_table,
 )
-from dvr_jax.model.encoding import SYMBOLS, TURNED, direction
+from dvr_jax.model.encoding import MIRRORED, SYMBOLS, direction
 from dvr_jax.model.export import Kind
 from dvr_jax.model.images import scene_images, stack_images
 from dvr_jax.scene.sampling import sample_scenes
@@ -71,20 +71,18 @@ def test_each_image_is_encoded_once_for_all_steps_and_sequences() -> None:
     assert set(batch.view_scene) == set(range(5)) and len(batch.view_scene) == VIEW_BUCKET
 
 
-def test_turned_scenes_are_turned_views_with_turned_symbols() -> None:
-    rows, turned = np.arange(0, len(MIXED.scene), 5), np.array([False, True, True, False, True])
-    plain, batch = assemble_batch(MIXED, TABLE, rows, "dvr"), assemble_batch(MIXED, TABLE, rows, "dvr", turned)
-    here = turned[MIXED.scene[rows]]
-    assert set(here) == {False, True}
-    np.testing.assert_array_equal(batch.symbol[here], TURNED[plain.symbol[here]])
-    np.testing.assert_array_equal(batch.symbol[~here], plain.symbol[~here])
-    np.testing.assert_array_equal(batch.normal[here], -plain.normal[here])
-    np.testing.assert_array_equal(batch.normal[~here], plain.normal[~here])
-    np.testing.assert_array_equal(batch.view_turned, turned[batch.view_scene])
-    assert not plain.view_turned.any()
+def test_mirrored_scenes_are_mirrored_views_with_mirrored_symbols() -> None:
+    rows, mirrored = np.arange(0, len(MIXED.scene), 5), np.array([[0, 0], [0, 1], [1, 0], [1, 1], [0, 1]], bool)
+    plain, batch = assemble_batch(MIXED, TABLE, rows, "dvr"), assemble_batch(MIXED, TABLE, rows, "dvr", mirrored)
+    for row, (in_x, in_y) in enumerate(mirrored[MIXED.scene[rows]].astype(int)):
+        np.testing.assert_array_equal(batch.symbol[row], MIRRORED[in_x, in_y, plain.symbol[row]])
+        np.testing.assert_array_equal(batch.normal[row], plain.normal[row] * [1 - 2 * in_x, 1 - 2 * in_y])
+    np.testing.assert_array_equal(batch.view_mirrored, mirrored[batch.view_scene])
+    assert not plain.view_mirrored.any()
     for name in ("view_scene", "image_view", "image_pair", "image", "goal_image", "target", "mask"):
         np.testing.assert_array_equal(getattr(batch, name), getattr(plain, name))
-    np.testing.assert_array_equal(draw_turned(48, 0, 7), draw_turned(48, 0, 7))
+    np.testing.assert_array_equal(draw_mirrored(48, 0, 7), draw_mirrored(48, 0, 7))
+    assert len(np.unique(draw_mirrored(48, 0, 7), axis=0)) == 4
 
 
 def test_classifier_learns_that_prefixes_of_feasible_sequences_are_and_refuted_ones_are_not() -> None:
@@ -142,10 +140,10 @@ def test_others_are_drawn_evenly_by_the_number_of_actions_after_which_they_are_r
     assert counts.min() > 0.4 * counts.mean() and counts.max() < 1.8 * counts.mean()
 
 
-def test_steps_whose_target_is_unknown_do_not_count() -> None:
-    known = MIXED.known & (np.arange(3) != 1)
-    batch = assemble_batch(MIXED._replace(known=known), TABLE, np.arange(40), "dvr")
-    np.testing.assert_array_equal(batch.mask > 0, known[:40])
+def test_steps_count_as_much_as_their_target_weighs() -> None:
+    weight = MIXED.weight * (np.arange(3) != 1)
+    batch = assemble_batch(MIXED._replace(weight=weight), TABLE, np.arange(40), "dvr")
+    np.testing.assert_array_equal(batch.mask, weight[:40])
 
 
 @pytest.mark.parametrize("least_feasible", [16, 0])

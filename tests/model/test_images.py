@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import TypeVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import Action, ground_actions
-from dvr_jax.model.encoding import TURNED, encode_actions
+from dvr_jax.model.encoding import MIRRORED, encode_actions
 from dvr_jax.model.images import (
     BRIGHTNESS,
     UNIT_HEIGHT,
@@ -22,7 +23,10 @@ from dvr_jax.model.images import (
 from dvr_jax.scene.camera import render_depth
 from dvr_jax.scene.pinhole import SCENE_CAMERA
 from dvr_jax.scene.sampling import sample_scenes
+from dvr_jax.scene.types import Region, SceneObject
 from dvr_jax.scene.validation import make_scene
+
+Thing = TypeVar("Thing", SceneObject, Region)
 
 
 def test_layers_are_objects_goal_and_zeros() -> None:
@@ -67,15 +71,15 @@ def test_height_is_that_of_what_stands_on_the_table() -> None:
         assert not images.height[~(images.masks[:2] > 0).any(0)].any()
 
 
-def test_views_are_scenes_as_they_are_or_turned() -> None:
+def test_views_are_scenes_as_they_are_or_mirrored() -> None:
     scenes = [next(sample_scenes(1, number, 3)) for number in (1, 3)]
     stack = stack_images([scene_images(scene, 16, 2) for scene in scenes], 3)
-    owner, turned = np.array([1, 0, 1]), np.array([False, False, True])
-    height, masks = show_scenes(*(jnp.asarray(item) for item in (*stack, owner, turned)))
-    assert height.dtype == masks.dtype == jnp.float32 and masks.shape == (3, 5, 16, 16)
-    for view, (scene, back) in enumerate(zip(owner, turned, strict=True)):
+    owner, mirrored = np.array([1, 0, 1, 0]), np.array([[0, 0], [0, 1], [1, 0], [1, 1]], bool)
+    height, masks = show_scenes(*(jnp.asarray(item) for item in (*stack, owner, mirrored)))
+    assert height.dtype == masks.dtype == jnp.float32 and masks.shape == (4, 5, 16, 16)
+    for view, (scene, (in_x, in_y)) in enumerate(zip(owner, mirrored, strict=True)):
         alone = scene_images(scenes[scene], 16, 2)
-        place = np.s_[..., ::-1, ::-1] if back else np.s_[...]
+        place = np.s_[..., :: -1 if in_y else 1, :: -1 if in_x else 1]
         np.testing.assert_array_equal(height[view], np.float32(BRIGHTNESS) * alone.height[place])
         np.testing.assert_array_equal(
             masks[view, : len(alone.masks)], np.float32(BRIGHTNESS) * alone.masks[place] / WHOLE_PIXEL
@@ -83,27 +87,30 @@ def test_views_are_scenes_as_they_are_or_turned() -> None:
         assert not np.asarray(masks[view, len(alone.masks) :]).any()
 
 
-def test_a_turned_scene_has_turned_images_and_turned_symbols() -> None:
-    """All of the scene, the arms too, turned by 180 degrees about the table's middle."""
+@pytest.mark.parametrize("in_x", [False, True])
+@pytest.mark.parametrize("in_y", [False, True])
+def test_a_mirrored_scene_has_mirrored_images_and_symbols(in_x: bool, in_y: bool) -> None:
+    """All of the scene reversed along x, the arms too, and along y."""
+    signs = np.where([in_x, in_y], -1.0, 1.0)
+    words = {"left": "right", "right": "left"} if in_x else {}
+    if in_x != in_y:  # a mirror image has the other hand: with x along the box as before, y goes the other way
+        words |= {"+y": "-y", "-y": "+y"}
+
+    def move(thing: Thing) -> Thing:
+        yaw = math.atan2(signs[1] * math.sin(thing.yaw), signs[0] * math.cos(thing.yaw))
+        return replace(thing, position=(signs[0] * thing.position[0], signs[1] * thing.position[1]), yaw=yaw)
+
     for scene in sample_scenes(10, 2, 5):
-        region = scene.goal.region
-        moved = make_scene(
-            [replace(item, position=turn(item.position), yaw=item.yaw + math.pi) for item in scene.objects],
-            replace(scene.goal, region=replace(region, position=turn(region.position), yaw=region.yaw + math.pi)),
-        )
+        moved = make_scene(map(move, scene.objects), replace(scene.goal, region=move(scene.goal.region)))
         here, there = scene_images(scene, 64, 1), scene_images(moved, 64, 1)
+        place = np.s_[..., :: -1 if in_y else 1, :: -1 if in_x else 1]
         # Rays graze edges: single ones differ.
-        assert (here.masks[:, ::-1, ::-1] != there.masks).mean() < 1e-3
-        assert (np.abs(here.height[::-1, ::-1] - there.height) > 0.05).mean() < 5e-3
+        assert (here.masks[place] != there.masks).mean() < 1e-3
+        assert (np.abs(here.height[place] - there.height) > 0.05).mean() < 5e-3
         grounding = ground_actions([item.name for item in scene.objects], scene.goal.object)
         codes, others = encode_actions(grounding, scene.objects), encode_actions(grounding, moved.objects)
-        arms = {"left": "right", "right": "left"}
         for index, action in enumerate(grounding.actions):
-            words = tuple(arms.get(word, word) for word in action.arguments)
-            turned = grounding.index(Action(action.operator, words))
-            assert others.symbol[turned] == TURNED[codes.symbol[index]]
-            np.testing.assert_allclose(others.normal[turned], -codes.normal[index], atol=1e-6)
-
-
-def turn(position: tuple[float, float]) -> tuple[float, float]:
-    return -position[0], -position[1]
+            arguments = tuple(words.get(word, word) for word in action.arguments)
+            mirrored = grounding.index(Action(action.operator, arguments))
+            assert others.symbol[mirrored] == MIRRORED[int(in_x), int(in_y), codes.symbol[index]]
+            np.testing.assert_allclose(others.normal[mirrored], signs * codes.normal[index], atol=1e-6)

@@ -71,20 +71,21 @@ def test_fast_encoder_is_the_network_on_whole_images_in_values_and_gradients(poo
     height = generator.uniform(-1, 1, (5, size, size)).astype(np.float32)
     masks = generator.integers(0, 256, (5, 4, size, size)).astype(np.uint8)
     masks[:, -1] = 0
-    scene, turned = np.array([4, 1, 1, 0]), np.array([False, True, False, True])
+    scene, mirrored = np.array([4, 1, 1, 0]), np.array([[0, 0], [1, 1], [0, 1], [1, 0]], bool)
     view, pairs = generator.integers(0, 4, number), generator.integers(0, 4, (number, 2))
     view[-1], pairs[-1] = view[0], (1, 3)
     target = generator.normal(size=(number, config.dense)).astype(np.float32)
 
     def fast(parameters: Parameters) -> tuple[jax.Array, jax.Array]:
-        arrays = (jnp.asarray(item) for item in (height, masks, scene, turned, view, pairs))
+        arrays = (jnp.asarray(item) for item in (height, masks, scene, mirrored, view, pairs))
         codes = encode_images(Weights(parameters, config), *arrays)
         return jnp.vdot(codes, target) / number, codes
 
     images = np.zeros((number, size, size, 3), np.float32)
     for image, which, pair in zip(images, view, pairs, strict=True):
         channels = 16.0 * np.stack([height[scene[which]], *masks[scene[which], pair] / 255], axis=-1)
-        image[:] = channels[::-1, ::-1] if turned[which] else channels
+        in_x, in_y = mirrored[which]
+        image[:] = channels[:: -1 if in_y else 1, :: -1 if in_x else 1]
 
     def plain(parameters: Parameters) -> tuple[jax.Array, jax.Array]:
         codes: Any = Network(config).apply({"params": parameters}, images, method=Network.encode_images)

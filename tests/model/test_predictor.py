@@ -89,6 +89,18 @@ def test_rows_do_not_see_each_other_nor_the_padding() -> None:
     assert [item.shape for item in PREDICTOR.step(code, hidden[:0], [])] == [(0,), (0, 13)]
 
 
+def test_one_state_serves_all_actions() -> None:
+    code = PREDICTOR.begin(next(sample_scenes(1, 2, 0)))
+    hidden = np.random.default_rng(0).normal(size=(1, 13)).astype(np.float32)
+    for number in (1, 7, 24):
+        for mine, theirs in zip(
+            PREDICTOR.step(code, hidden, range(number)),
+            PREDICTOR.step(code, np.repeat(hidden, number, axis=0), range(number)),
+            strict=True,
+        ):
+            np.testing.assert_allclose(mine, theirs, atol=1e-6)
+
+
 def test_few_shapes_are_compiled_and_images_encoded_once(monkeypatch: pytest.MonkeyPatch) -> None:
     calls: dict[str, set[tuple[int, ...]]] = {"_step": set(), "_encode_scene": set()}
     counts = dict.fromkeys(calls, 0)
@@ -122,8 +134,8 @@ def test_wrong_queries_are_refused() -> None:
     code = PREDICTOR.begin(next(sample_scenes(1, 1, 0)))
     with pytest.raises(DvrError, match="no action 12; valid are 0 to 11"):
         PREDICTOR.step(code, code.initial_hidden(), [12])
-    with pytest.raises(DvrError, match=r"shape \(1, 13\); valid is \(2, 13\)"):
-        PREDICTOR.step(code, code.initial_hidden(), [0, 1])
+    with pytest.raises(DvrError, match=r"shape \(3, 13\); valid is \(2, 13\)"):
+        PREDICTOR.step(code, code.initial_hidden(3), [0, 1])
 
 
 def test_the_shipped_network_is_read_once() -> None:

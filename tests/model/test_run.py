@@ -64,7 +64,7 @@ def test_loss_is_the_weighted_mean_over_steps_that_count() -> None:
 
 def test_learns_which_arm_is_on_the_objects_side(tmp_path: Path) -> None:
     options = replace(OPTIONS, out=tmp_path, steps=240, log_every=20, checkpoint_every=240)
-    options = replace(options, learning_rate=3e-3, turn=False)
+    options = replace(options, learning_rate=3e-3, mirror=False)
     data = prepare(options, EXAMPLES, None, quiet)
     assert data.positive_weight == pytest.approx(0.5)  # a third drawn of the feasible, the others half and half
     lines: list[str] = []
@@ -125,6 +125,18 @@ def test_a_killed_run_goes_on_to_the_same_result(tmp_path: Path) -> None:
         train(cut, data, replace(SMALL, hidden=65), quiet)
     with pytest.raises(DvrError, match=r"--steps is 10; the run in .* is already at step 24"):
         train(replace(cut, steps=10), data, SMALL, quiet)
+
+
+def test_targets_that_nobody_has_looked_at_weigh_what_is_asked_for(tmp_path: Path) -> None:
+    inside = np.arange(EXAMPLES.actions.shape[1]) < EXAMPLES.length[:, None]
+    looked_at = np.arange(inside.size).reshape(inside.shape) % 3 > 0
+    examples = EXAMPLES._replace(weight=(inside & looked_at).astype(np.float32))
+    for unknown in (0.0, 0.25, 1.0):
+        data = prepare(replace(OPTIONS, out=tmp_path, unknown=unknown), examples, None, quiet)
+        expected = np.where(examples.weight > 0, 1, unknown) * inside
+        np.testing.assert_array_equal(data.examples.weight, expected)
+        assert data.validation is not None
+        np.testing.assert_array_equal(data.validation.examples.weight, expected)
 
 
 def test_a_step_is_adams(tmp_path: Path) -> None:
@@ -189,6 +201,7 @@ def test_command_trains_a_classifier_on_separate_held_out_scenes(
         ("--least-feasible 49", "--least-feasible is 49; valid is 0 to 48, the batch."),
         ("--checkpoint-every 150", "--checkpoint-every is 150; valid is a multiple of --log-every 100."),
         ("--cooldown 100001", "--cooldown is 100001; valid is 0 to 100000, the --steps."),
+        ("--unknown 1.5", "--unknown is 1.5; valid is 0 to 1."),
         ("--batch-scenes 0", "--batch-scenes is 0; valid is 1 or more."),
         ("--learning-rate 0", "--learning-rate is 0.0; valid is a positive number."),
         ("--image-size 2", "the images' size is 2 pixels; valid are multiples of 4 from 8 to 1024."),

@@ -1,5 +1,7 @@
 """Forward kinematics, capsules and joint screws against MuJoCo C and MJX."""
 
+from copy import copy
+
 import jax
 import mujoco
 import numpy as np
@@ -111,6 +113,30 @@ def test_capsules(model: mujoco.MjModel, forward: Forward) -> None:
                 np.testing.assert_allclose(forward.starts[arm, c, n], geom.xpos - axis, **TIGHT)
                 np.testing.assert_allclose(forward.ends[arm, c, n], geom.xpos + axis, **TIGHT)
                 assert load_arm().capsule_radii[c] == size[0]
+
+
+def test_an_arm_is_its_own_mirror_image_but_for_the_forearm(model: mujoco.MjModel) -> None:
+    """What can be done with y reversed as well; the gripper's closing axis has no direction, fingers change places."""
+    q, openings = sample_postures()
+    mirrored = q * [-1, 1, -1, 1, -1, 1, -1]  # the hand is turned by -pi/4 on the flange
+    mirrored[..., 6] += np.where(q[..., 6] > np.pi / 2 - JOINT_UPPER[6], np.pi / 2, -np.pi / 2)
+    assert ((mirrored >= JOINT_LOWER) & (mirrored <= JOINT_UPPER)).all()
+    symmetric = [name for name in CAPSULE_NAMES if "forearm" not in name and "finger" not in name]
+    signs = np.array([1.0, -1.0, 1.0])
+
+    def seen(data: mujoco.MjData, arm: str) -> list[Floats]:
+        grip, capsules = data.site(f"{arm}/gripper"), [data.geom(f"{arm}/{name}") for name in symmetric]
+        fingers = [data.geom(f"{arm}/{name}").xpos for name in CAPSULE_NAMES if "finger" in name]
+        return [grip.xpos, *(capsule.xpos for capsule in capsules), *sorted(fingers, key=lambda p: p[0])]
+
+    both = zip(*(list(map(copy, set_postures(model, x, openings))) for x in (q, mirrored)), strict=True)
+    for here, there in both:
+        for arm in ARM_NAMES:
+            np.testing.assert_allclose(np.multiply(seen(here, arm), signs), seen(there, arm), **TIGHT)
+            approach, closing = (there.site(f"{arm}/gripper").xmat.reshape(3, 3)[:, i] for i in (2, 1))
+            expected = here.site(f"{arm}/gripper").xmat.reshape(3, 3) * signs[:, None]
+            np.testing.assert_allclose(approach, expected[:, 2], **TIGHT)
+            np.testing.assert_allclose(abs(closing @ expected[:, 1]), 1, **TIGHT)
 
 
 def test_joint_screws(model: mujoco.MjModel, forward: Forward) -> None:

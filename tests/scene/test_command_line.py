@@ -47,6 +47,16 @@ def test_a_defect_keeps_its_traceback() -> None:
         run_command(lambda: 1 // 0)
 
 
+def test_a_command_may_end_without_waiting_for_its_threads() -> None:
+    code = (
+        "import sys, threading, time; from dvr_jax.errors import run_command\n"
+        "threading.Thread(target=time.sleep, args=(600,)).start()\n"
+        "run_command(lambda: print('done') or print('and said', file=sys.stderr) or 1, at_once=True)"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (1, "done\n", "and said\n")
+
+
 def sample(*options: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "dvr_jax.sample", *options]
     environment = os.environ | {"PYTHONPATH": os.getcwd()}
