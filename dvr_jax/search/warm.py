@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from threading import Event, Thread
 
 import jax
@@ -47,35 +48,49 @@ def warm_up(
         Action("place", ("right", name, "goal")),
     ]
     once = Settings(iteration_limit=1)
+    lengths = range(1, k_max + 1)
     with jax.enable_x64(True):
-        problems = [transcribe(scene, [actions[k % len(actions)] for k in range(K)]) for K in range(1, k_max + 1)]
-        keyframes = [Variables(jnp.tile(p.home, (K, 1)), jnp.zeros((K, PARAMETERS))) for K, p in enumerate(problems, 1)]
-        # In the order in which a search comes to need them.
-        for problem, point in zip(problems, keyframes, strict=True):
+        problems = {K: transcribe(scene, [actions[k % len(actions)] for k in range(K)]) for K in lengths}
+        points = {K: Variables(jnp.tile(p.home, (K, 1)), jnp.zeros((K, PARAMETERS))) for K, p in problems.items()}
+
+        def solve_keyframes(K: int) -> None:
+            solve([problems[K]], [points[K]], once)
+
+        def solve_path(K: int) -> None:
+            begin = path_start(problems[K], points[K])
+            path = path_problem(problems[K], begin)
+            look_between(stack([path]), stack([begin]))
+            solve([path], [begin], once)
+
+        def extend(lanes: int) -> None:
+            particles = empty_prefix(len(scene.objects), k_max)
+            for problem in problems.values():
+                (particles,) = extend_prefixes([particles], [problem], 0, [lanes])
+
+        # In the order in which a search comes to need them. One that is guided first meets the prefixes of a proposed
+        # sequence, and begins to compile at the short ones itself.
+        keyframes, paths = ([partial(call, K) for K in lengths] for call in (solve_keyframes, solve_path))
+        many, few = partial(extend, EXTENSION_LANES), partial(extend, 1)
+        if network is None:
+            jobs = [*keyframes, many, few, *paths]
+        else:
+            middle_out = sorted(range(k_max), key=lambda k: abs(k - (k_max - 1.5) / 2))
+            jobs = [call[k] for some in (middle_out[:-2], middle_out[-2:]) for call in (keyframes, paths) for k in some]
+            jobs = [partial(_query, scene, k_max, network), *jobs, few, many]
+        for job in jobs:
             if stop():
                 return
-            solve([problem], [point], once)
-        particles = empty_prefix(len(scene.objects), k_max)
-        for problem in problems:
-            if stop():
-                return
-            for lanes in (EXTENSION_LANES, 1):
-                (child,) = extend_prefixes([particles], [problem], 0, [lanes])
-            particles = child
-        if network is not None:
-            tree = SequenceTree(scene, k_max)
-            code = network.begin(scene, tree.grounding)
-            widest = len(list(tree.grounding.applicable(tree.grounding.initial_state)))
-            for children in (1, widest):
-                network.step(code, code.initial_hidden(), range(children))
-        starts = [path_start(problem, point) for problem, point in zip(problems, keyframes, strict=True)]
-        for problem, point in zip(problems, starts, strict=True):
-            if stop():
-                return
-            path = path_problem(problem, point)
-            solve([path], [point], once)
-            look_between(stack([path]), stack([point]))
+            job()
     _ready.add(_key(scene, k_max, network))
+
+
+def _query(scene: Scene, k_max: int, network: Network) -> None:
+    """Ask a network for one child and for as many as there may be."""
+    tree = SequenceTree(scene, k_max)
+    code = network.begin(scene, tree.grounding)
+    widest = len(list(tree.grounding.applicable(tree.grounding.initial_state)))
+    for children in (1, widest):
+        network.step(code, code.initial_hidden(), range(children))
 
 
 def _key(scene: Scene, k_max: int, network: Network | None) -> tuple[int, int, object]:
