@@ -40,7 +40,7 @@ from dvr_jax.bench.rai import (
     solve_peer,
     to_variables,
 )
-from dvr_jax.bench.recall import judge_prefix, random_extension
+from dvr_jax.bench.recall import find_sequences, judge_prefix, random_extension
 from dvr_jax.check.replay import check_motion
 from dvr_jax.errors import DvrError
 from dvr_jax.komo.augmented import Settings
@@ -58,12 +58,6 @@ from dvr_jax.search.work import run_alone
 
 LENGTHS = range(2, 7)
 """Lengths of the sequences."""
-
-WIDTH = 24
-"""Prefixes judged at each depth on the way to a sequence with feasible keyframes."""
-
-KEPT = 6
-"""Feasible ones of these that are extended."""
 
 LEGEND = """\
 feasible: by each one's own verdict (robotic's: its scaled violations add up to less than 0.1, equalities and
@@ -109,19 +103,6 @@ def draw_sequence(
 
 def _reaches(grounding: Grounding, left: int, state: int) -> bool:
     return grounding.reaches_goal_in(state, left)
-
-
-def find_sequences(tree: SequenceTree, length: int, number: int, generator: np.random.Generator) -> list[Node]:
-    """Some sequences of a length whose keyframes the tree finds feasible."""
-    nodes = [tree.root]
-    for left in range(length - 1, -1, -1):
-        children = [
-            child for node in nodes for child in tree.expand(node) if tree.grounding.reaches_goal_in(child.state, left)
-        ]
-        chosen = [children[i] for i in generator.permutation(len(children))[:WIDTH]]
-        run_alone(tree.judge_sequences(chosen))
-        nodes = [node for node in chosen if node.feasible][: KEPT if left else number]
-    return nodes
 
 
 def time_call(call: Callable[[], _T]) -> tuple[_T, float, float]:

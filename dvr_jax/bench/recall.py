@@ -1,7 +1,8 @@
 """Recall of the solver against an oracle of many random starts, on a frozen set of problems.
 
 `oracle` draws the problems and finds out, at great expense, which of them are feasible; `recall` solves them as a
-search does. A problem is a prefix whose parent the oracle found feasible, and one more action: what a search asks."""
+search does. A keyframe problem is a prefix whose parent the oracle found feasible, and one more action: what a search
+asks. A path problem is a sequence with feasible keyframes that reaches the goal."""
 
 from __future__ import annotations
 
@@ -39,7 +40,7 @@ from dvr_jax.scene.scene import scene_from_json, scene_to_json
 from dvr_jax.scene.types import Scene
 from dvr_jax.scene.workspace import TABLE_HALF_EXTENTS
 from dvr_jax.search.tree import Node, SequenceTree
-from dvr_jax.search.work import Steps, run_together
+from dvr_jax.search.work import Steps, run_alone, run_together
 
 PROBLEMS = Path("bench/recall_problems.jsonl")
 
@@ -54,6 +55,12 @@ TRIES = 40
 
 BUMP = 0.4
 """Size of the random detour of the oracle's paths [rad]."""
+
+WIDTH = 24
+"""Prefixes judged at each depth on the way to a sequence with feasible keyframes."""
+
+KEPT = 6
+"""Feasible ones of these that are extended."""
 
 Floats = NDArray[np.float64]
 
@@ -153,27 +160,30 @@ def draw_keyframe_problem(seed: int, index: int, length: int) -> dict[str, objec
                 actions, state = [*actions, step[0]], step[1]
 
 
+def find_sequences(tree: SequenceTree, length: int, number: int, generator: np.random.Generator) -> list[Node]:
+    """Some sequences of a length whose keyframes the tree finds feasible."""
+    nodes = [tree.root]
+    for left in range(length - 1, -1, -1):
+        children = [
+            child for node in nodes for child in tree.expand(node) if tree.grounding.reaches_goal_in(child.state, left)
+        ]
+        chosen = [children[i] for i in generator.permutation(len(children))[:WIDTH]]
+        run_alone(tree.judge_sequences(chosen))
+        nodes = [node for node in chosen if node.feasible][: KEPT if left else number]
+    return nodes
+
+
 def draw_path_problem(seed: int, index: int, length: int) -> dict[str, object]:
-    """A sequence that reaches the goal and has feasible keyframes, with the oracle's verdict on its path."""
+    """A sequence that reaches the goal and whose keyframes are feasible by our verdict and by the oracle's, with the
+    oracle's verdict on its path. (Drawn action by action, a sequence of six hardly ever has feasible keyframes.)"""
     generator = np.random.default_rng([seed, 1, index])
     while True:
         scene = sample_scene(generator, 2)
-        grounding = ground_actions([item.name for item in scene.objects], scene.goal.object)
-        actions: list[Action] = []
-        state, tries = grounding.initial_state, 0
-        while tries < TRIES and len(actions) < length:
-            tries += 1
-            left = length - len(actions) - 1
-            keep = partial(grounding.reaches_goal_in, length=left)
-            step = random_extension(grounding, scene, state, keep, generator)
-            if step is None:
-                break
-            found = oracle_keyframes(scene, [*actions, step[0]], generator, enough=1 if left else 8)
-            if found:
-                actions, state = [*actions, step[0]], step[1]
-        if len(actions) == length:
-            feasible = oracle_path(transcribe(scene, actions), found, generator)
-            return _row(scene, actions, feasible)
+        for node in find_sequences(SequenceTree(scene, length), length, 1, generator):
+            keyframes = oracle_keyframes(scene, node.actions, generator, enough=8)
+            if keyframes:
+                feasible = oracle_path(transcribe(scene, node.actions), keyframes, generator)
+                return _row(scene, node.actions, feasible)
 
 
 def _row(scene: Scene, actions: Sequence[Action], feasible: bool) -> dict[str, object]:
