@@ -240,7 +240,7 @@ def _require_finite(name: str, value: float, step: int) -> None:
 
 
 def _weigh_unknown(examples: Examples, weight: float) -> Examples:
-    """The examples with this weight of the targets that count nothing."""
+    """The examples, where targets that are not known have this weight in place of 0."""
     inside = np.arange(examples.actions.shape[1]) < examples.length[:, None]
     weights = np.where(inside, np.where(examples.weight > 0, 1, weight), 0)
     return examples._replace(weight=weights.astype(np.float32))

@@ -67,8 +67,8 @@ def warm_up(
             for problem in problems.values():
                 (particles,) = extend_prefixes([particles], [problem], 0, [lanes])
 
-        # In the order in which a search comes to need them. One that is guided first meets the prefixes of a proposed
-        # sequence, and begins to compile at the short ones itself.
+        # In the order in which a search comes to need them. One that is guided extends particles itself meanwhile; the
+        # prefixes and paths that it then has to solve are seldom the shortest or the longest, so these come last.
         keyframes, paths = ([partial(call, K) for K in lengths] for call in (solve_keyframes, solve_path))
         many, few = partial(extend, EXTENSION_LANES), partial(extend, 1)
         if network is None:
