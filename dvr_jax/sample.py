@@ -6,7 +6,7 @@ from pathlib import Path
 import tyro
 
 from dvr_jax.errors import run_command
-from dvr_jax.scene.sampling import SceneDistribution, ShapeChoice, sample_scenes
+from dvr_jax.scene.sampling import DEFAULT_DISTRIBUTION, SceneDistribution, ShapeChoice, sample_scenes
 from dvr_jax.scene.scene import save_scenes
 
 
@@ -25,12 +25,14 @@ class SampleOptions:
     100 the shipped networks'."""
     shape: ShapeChoice = "box"
     """Shapes of the objects; mixed tosses a coin for each."""
+    cubes: float = DEFAULT_DISTRIBUTION.cube_share
+    """Share of the boxes that are small cubes, which one arm cannot hand to the other in the air."""
 
 
 def main() -> int:
     """Read the options, draw, write, say what was written."""
     options = tyro.cli(SampleOptions, prog="python -m dvr_jax.sample")
-    distribution = SceneDistribution(shape=options.shape)
+    distribution = SceneDistribution(shape=options.shape, cube_share=options.cubes)
     scenes = tuple(sample_scenes(options.number, options.objects, options.seed, distribution))
     save_scenes(options.out, scenes)
     print(f"{len(scenes)} scenes of {options.objects} objects (seed {options.seed}) written to {options.out}")

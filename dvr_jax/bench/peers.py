@@ -150,8 +150,8 @@ def _our_keyframes(scene: Scene, actions: Sequence[Action], seed: int) -> tuple[
 
 
 def _our_path(tree: SequenceTree, node: Node) -> tuple[Solved, dict[str, Any]]:
-    run_alone(tree.solve_path(node, 0))
-    path, cpu, wall = time_call(lambda: run_alone(tree.solve_path(node, 0)))
+    run_alone(tree.solve_path(node))
+    path, cpu, wall = time_call(lambda: run_alone(tree.solve_path(node)))
     row = {"feasible": path.feasible, "seconds": cpu, "wall seconds": wall, "iterations": path.iterations}
     return path, {**row, "ratio": path.ratio}
 

@@ -39,6 +39,7 @@ from dvr_jax.scene.sampling import sample_scene
 from dvr_jax.scene.scene import scene_from_json, scene_to_json
 from dvr_jax.scene.types import Scene
 from dvr_jax.scene.workspace import TABLE_HALF_EXTENTS
+from dvr_jax.search.run import Run
 from dvr_jax.search.tree import Node, SequenceTree
 from dvr_jax.search.work import Steps, run_alone, run_together
 
@@ -280,17 +281,19 @@ def judge_prefix(tree: SequenceTree, actions: Sequence[Action]) -> Steps[Node]:
 
 
 def _judge(scene: Scene, actions: Sequence[Action], is_path: bool) -> Steps[tuple[bool, bool | None]]:
-    """Our verdict on a problem, and whether the check accepts its path (None: there is no path)."""
+    """Our verdict on a problem, and whether the check accepts its first feasible path (None: there is no path)."""
     tree = SequenceTree(scene, k_max=6)
     node = yield from judge_prefix(tree, actions)
     if not (is_path and node.feasible):
         return bool(node.feasible) and not is_path, None
-    for attempt in range(tree.path_attempts(node)):
-        path = yield from tree.solve_path(node, attempt)
-        if not path.feasible:
-            continue
-        return True, passes_check(scene, node, path)
-    return False, None
+    checked: list[bool] = []
+
+    def accept(leaf: Node, path: Solved) -> bool:
+        checked.append(passes_check(scene, leaf, path))
+        return True
+
+    found = yield from Run(tree, accept, lambda line: None).try_path(node)
+    return found is not None, checked[0] if checked else None
 
 
 def run(arguments: list[str]) -> int:

@@ -114,8 +114,8 @@ class Validation:
         return Validation(examples, table, _spread(rows, most_sequences), kind, positive_weight, solutions)
 
     def measure(self, weights: Weights) -> dict[str, float]:
-        """Loss, average precision of the steps that count and, of a dvr network, the share of scenes with a solution
-        in which the greedy sequence is one of the feasible ones."""
+        """Loss, average precision of the steps of full weight (those whose targets are known) and, of a dvr network,
+        the share of scenes with a solution in which the greedy sequence is one of the feasible ones."""
         losses, totals, labels, scores = [], [], [], []
         scale = jnp.float32(self.positive_weight)
         for first in range(0, len(self.rows), VALIDATION_BATCH):
@@ -125,7 +125,7 @@ class Validation:
             batch = assemble_batch(self.examples, self.table, filled, self.kind)
             batch = batch._replace(mask=batch.mask * (np.arange(VALIDATION_BATCH) < len(rows))[:, None])
             loss, total, logits = evaluate_batch(weights, self.table.height, self.table.masks, batch, scale)
-            counts = batch.mask > 0
+            counts = batch.mask == 1
             losses.append(float(loss) * float(total))
             totals.append(float(total))
             labels.append(batch.target[counts] > 0.5)

@@ -40,6 +40,11 @@ class SceneDistribution:
     """A box's other horizontal side."""
     height: Range = (0.04, 0.12)
     """Height of boxes and cylinders."""
+    cube_share: float = 0.0
+    """Share of the boxes that are small cubes instead. Two hands find no room on one, so it is exchanged on the table
+    where another box is handed over: shortest solutions of six actions come of them."""
+    cube_side: Range = (0.022, 0.03)
+    """Side of a small cube. A gripper's centre lies 1 cm within what it holds; on a cube of 3.5 cm two hands do."""
     goal_radius: Range = (0.02, 0.0375)
     """Radius of a cylinder that is the goal's object: it fits between the fingers."""
     radius: Range = (0.02, 0.08)
@@ -136,6 +141,9 @@ def _draw_size(
     height = generator.uniform(*distribution.height)
     if shape == "cylinder":
         return shape, (generator.uniform(*(distribution.goal_radius if is_goal else distribution.radius)), height)
+    if distribution.cube_share > 0 and generator.random() < distribution.cube_share:
+        side = generator.uniform(*distribution.cube_side)
+        return shape, (side, side, side)
     sides = [generator.uniform(*distribution.narrow_side), generator.uniform(*distribution.wide_side)]
     if generator.random() < 0.5:
         sides.reverse()
@@ -164,8 +172,9 @@ def _validate_request(number_of_objects: int, distribution: SceneDistribution) -
         raise DvrError(f"the number of objects is {number_of_objects}; valid are 1 to {MAXIMUM_OBJECTS}.")
     if distribution.shape not in get_args(ShapeChoice):
         raise DvrError(f"the shape is {distribution.shape!r}; valid are {', '.join(get_args(ShapeChoice))}.")
-    if not 0 <= distribution.occupied_share <= 1:
-        raise DvrError(f"the occupied share is {distribution.occupied_share}; valid is 0 to 1.")
+    for name in ("cube_share", "occupied_share"):
+        if not 0 <= getattr(distribution, name) <= 1:
+            raise DvrError(f"the {name.replace('_', ' ')} is {getattr(distribution, name)}; valid is 0 to 1.")
     for field in fields(distribution):
         value = getattr(distribution, field.name)
         if isinstance(value, tuple) and not (math.isfinite(value[0]) and value[0] <= value[1] < math.inf):

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from dvr_jax.komo.engine import Solved
-from dvr_jax.search.tree import Node, SequenceTree
+from dvr_jax.komo.problem import Variables
+from dvr_jax.search.tree import PATH_STARTS, Node, SequenceTree
 from dvr_jax.search.work import Steps
 
 Accept = Callable[[Node, Solved], bool]
@@ -66,14 +67,17 @@ class Run:
         return [node for node, verdict in zip(nodes, verdicts, strict=True) if verdict]
 
     def judge_lines(self, leaves: list[Node]) -> Steps[list[Node]]:
-        """Sequence bound of leaves, along their prefixes: those that pass."""
+        """Sequence bound of leaves, along their prefixes, with a second look at what it refutes: those that pass."""
         for depth in range(1, max((leaf.depth for leaf in leaves), default=0) + 1):
             prefixes = dict.fromkeys(leaf.ancestor(depth) for leaf in leaves)
             for node in prefixes:
                 assert node.parent is not None
                 if node.feasible is None and node.parent.feasible is False:
                     node.feasible = False
-            yield from self.judge_sequences([node for node in prefixes if node.feasible is None])
+            unjudged = [node for node in prefixes if node.feasible is None]
+            yield from self.judge_sequences(unjudged)
+            with self.timed("sequence"):
+                yield from self.tree.look_again(unjudged)
         return [leaf for leaf in leaves if leaf.feasible]
 
     def judge_leaves(self, leaves: list[Node]) -> Steps[list[Node]]:
@@ -94,11 +98,20 @@ class Run:
         return None
 
     def try_path(self, node: Node) -> Steps[Outcome | None]:
-        """Path from each of the leaf's keyframes in turn, until one is accepted."""
+        """Path from each of the leaf's keyframes in turn, and then from further ones, until one is accepted."""
         node.solved, node.refuted_by, node.violation = False, "path", math.nan
-        for attempt in range(self.tree.path_attempts(node)):
+        starts = self.tree.path_keyframes(node)
+        outcome = yield from self._try_path_from(node, starts)
+        if outcome is None and len(starts) < PATH_STARTS:
+            with self.timed("sequence"):
+                further = yield from self.tree.more_keyframes(node, PATH_STARTS - len(starts))
+            outcome = yield from self._try_path_from(node, further)
+        return outcome
+
+    def _try_path_from(self, node: Node, starts: Sequence[Variables]) -> Steps[Outcome | None]:
+        for keyframes in starts:
             with self.timed("path"):
-                solved = yield from self.tree.solve_path(node, attempt)
+                solved = yield from self.tree.solve_path(node, keyframes)
             words = "feasible" if solved.feasible else f"violation {solved.ratio:.1f} times the tolerance"
             self.progress(f"path of {' '.join(str(action) for action in node.actions)}: {words}")
             if not solved.feasible:

@@ -20,6 +20,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
+from typing import TypeVar
 
 from dvr_jax.komo.augmented import Settings
 from dvr_jax.komo.engine import (
@@ -29,8 +30,8 @@ from dvr_jax.komo.engine import (
     path_problem,
     path_start,
 )
-from dvr_jax.komo.particles import UNREACHABLE, Particles, empty_prefix
-from dvr_jax.komo.problem import ABSENT, Problem
+from dvr_jax.komo.particles import PARTICLES, UNREACHABLE, Particles, empty_prefix
+from dvr_jax.komo.problem import ABSENT, Problem, Variables
 from dvr_jax.komo.transcription import is_duplicate, refute, transcribe
 from dvr_jax.logic import Action, Grounding, ground_actions, object_of
 from dvr_jax.scene.mjcf import require_free_home
@@ -44,14 +45,16 @@ STARTS = 4
 """Particles that the keyframe NLP is started from where none is a witness."""
 
 PATH_STARTS = 4
-"""Keyframe solutions that the path NLP is started from, one after the other."""
+"""Keyframes that the path NLP is started from, one after the other."""
 
 GOOD = 0.01
-"""Particles whose penetrations sum up to less are keyframes to start a path from [m]."""
+"""Particles whose penetrations sum up to less are good enough to start a path from [m]."""
 
 BATCH = 64
 """Prefixes judged between two looks at the clock."""
 
+
+_Item = TypeVar("_Item")
 
 _PoseKey = tuple[tuple[Action, ...], frozenset[str]]
 """Actions on one object, and the other objects that have moved meanwhile."""
@@ -173,8 +176,21 @@ class SequenceTree:
     def judge_sequences(self, nodes: list[Node]) -> Steps[None]:
         """Sequence bound of nodes whose parents have passed it."""
         unjudged = [node for node in nodes if node.feasible is None]
-        unproved = yield from self._sample(unjudged, "sequence", [()] * len(unjudged))
+        unproved = yield from self._sample(unjudged, [()] * len(unjudged))
         yield from self._solve(unproved, "sequence")
+        self._count("sequence", unjudged)
+
+    def look_again(self, nodes: list[Node]) -> Steps[None]:
+        """Second opinion on nodes that the sequence bound has refuted: their last actions are sampled anew, and the
+        keyframe NLP is started from every particle."""
+        refuted = [node for node in nodes if node.feasible is False and node.refuted_by == "sequence"]
+        unproved = yield from self._sample(refuted, [()] * len(refuted), self.seed + 1)
+        for group in _by_depth(unproved):
+            yield from self._solve_from([node for node in group if _is_reached(node)], range(PARTICLES), "sequence")
+        for node in refuted:
+            if node.feasible:
+                node.refuted_by, node.violation = "", math.nan
+                self.counts.feasible["sequence"] += 1
 
     def judge_poses(self, nodes: list[Node]) -> Steps[list[bool]]:
         """Pose bound of nodes: verdicts of their last object's own keyframes."""
@@ -206,6 +222,7 @@ class SequenceTree:
     def _judge_chains(self, keys: list[_PoseKey]) -> Steps[None]:
         """Verdicts of chains of one length, whose prefixes have theirs."""
         # What is feasible with few objects left out is so with more: few first, and the others inherit.
+        sampled: list[Node] = []
         unproved: list[Node] = []
         for _, group in groupby(sorted(keys, key=lambda key: len(key[1])), key=lambda key: len(key[1])):
             fresh: list[tuple[Node, frozenset[str]]] = []
@@ -220,8 +237,10 @@ class SequenceTree:
                 elif not self._inherit(node, ignored):
                     fresh.append((node, ignored))
             ignored_names = [tuple(sorted(names)) for _, names in fresh]
-            unproved += yield from self._sample([node for node, _ in fresh], "pose", ignored_names)
+            sampled += [node for node, _ in fresh]
+            unproved += yield from self._sample([node for node, _ in fresh], ignored_names)
         yield from self._solve(unproved, "pose")
+        self._count("pose", sampled)
 
     def _inherit(self, node: Node, ignored: frozenset[str]) -> bool:
         """Whether the same chain is known to be feasible with fewer objects left out."""
@@ -250,28 +269,29 @@ class SequenceTree:
         if time.monotonic() > self.deadline:
             raise OutOfTime
 
-    def _sample(self, nodes: list[Node], bound: str, ignored: list[tuple[str, ...]]) -> Steps[list[Node]]:
+    def _sample(
+        self, nodes: list[Node], ignored: list[tuple[str, ...]], seed: int | None = None
+    ) -> Steps[list[Node]]:
         """Particles of nodes, each with some objects left out; those nodes that no particle proves feasible."""
         for first in range(0, len(nodes), BATCH):
             self.look_at_the_clock()
             part, names = nodes[first : first + BATCH], ignored[first : first + BATCH]
             problems = [transcribe(self.scene, *args) for args in zip((n.actions for n in part), names, strict=True)]
             parents = [self._parent_particles(*args) for args in zip(part, names, strict=True)]
-            extended = yield Extend(parents, problems, self.seed)
+            extended = yield Extend(parents, problems, self.seed if seed is None else seed)
             for node, problem, particles in zip(part, problems, extended, strict=True):
                 node.problem, node.particles = problem, particles
                 node.feasible = bool(particles.violation.min() <= WITNESS)
-        self.counts.verdicts[bound] += len(nodes)
-        self.counts.feasible[bound] += sum(bool(node.feasible) for node in nodes)
         return [node for node in nodes if not node.feasible]
+
+    def _count(self, bound: str, judged: Sequence[Node]) -> None:
+        self.counts.verdicts[bound] += len(judged)
+        self.counts.feasible[bound] += sum(bool(node.feasible) for node in judged)
 
     def _solve(self, nodes: list[Node], bound: str) -> Steps[None]:
         """Keyframe NLPs of nodes that no particle proved feasible: all from their best particle, then those that failed
         from the others."""
-        groups: dict[int, list[Node]] = {}
-        for node in nodes:
-            groups.setdefault(node.depth, []).append(node)
-        for group in groups.values():
+        for group in _by_depth(nodes):
             failed = yield from self._solve_from(group, [0], bound)
             # Where inverse kinematics found nothing at all, more starts are no better than one.
             reached = [node for node in failed if _is_reached(node)]
@@ -293,7 +313,6 @@ class SequenceTree:
                     # NaN is no smaller than anything.
                     node.violation = min(solution.ratio, node.violation)
                 else:
-                    self.counts.feasible[bound] += not node.feasible
                     node.feasible = True
                     node.particles = adopt(node.particles, node.problem, solution)  # type: ignore[arg-type]
         return [node for node in nodes if not node.feasible]
@@ -304,22 +323,50 @@ class SequenceTree:
             return self._without(node.parent.particles, frozenset(ignored))
         return node.parent.particles
 
-    def path_attempts(self, node: Node) -> int:
-        """Number of keyframe solutions that the path of a node may start from."""
-        assert node.particles is not None
-        return min(PATH_STARTS, int((node.particles.violation <= GOOD).sum()))
-
-    def solve_path(self, node: Node, attempt: int) -> Steps[Solved]:
-        """Path of a node that passed the sequence bound, from its ``attempt``-th keyframes."""
-        assert node.problem is not None and node.particles is not None and node.feasible
-        self.look_at_the_clock()
+    def path_keyframes(self, node: Node) -> list[Variables]:
+        """Keyframes that the path of a node that passed the sequence bound may start from: good particles, at least one
+        and at most so many as `PATH_STARTS`."""
+        assert node.particles is not None and node.feasible
         # Spread over the particles: neighbours in rank often are siblings.
         good = int((node.particles.violation <= GOOD).sum())
-        keyframes = keyframe_start(node.particles, attempt * (good // self.path_attempts(node)), node.depth)
-        start = path_start(node.problem, keyframes)
+        ranks = _spread(range(good), PATH_STARTS)
+        return [keyframe_start(node.particles, rank, node.depth) for rank in ranks]
+
+    def more_keyframes(self, node: Node, most: int) -> Steps[list[Variables]]:
+        """At most so many further keyframes: solutions of the keyframe NLP from particles that are not good."""
+        assert node.problem is not None and node.particles is not None
+        self.look_at_the_clock()
+        violation = node.particles.violation
+        ranks = range(int((violation <= GOOD).sum()), int((violation < UNREACHABLE).sum()))
+        starts = [keyframe_start(node.particles, rank, node.depth) for rank in ranks]
+        if not starts:
+            return []
+        solutions = yield Solve([node.problem] * len(starts), starts, self.settings)
+        self.counts.nlps["sequence"] += len(starts)
+        return _spread([Variables(found.q, found.m) for found in solutions if found.feasible], most)
+
+    def solve_path(self, node: Node, keyframes: Variables | None = None) -> Steps[Solved]:
+        """Path of a node that passed the sequence bound, from keyframes of its own, if not from its best."""
+        assert node.problem is not None
+        self.look_at_the_clock()
+        start = path_start(node.problem, keyframes or self.path_keyframes(node)[0])
         self.counts.nlps["path"] += 1
         solved = yield Solve([path_problem(node.problem, start)], [start], self.settings)
         return solved[0]
+
+
+def _spread(items: Sequence[_Item], most: int) -> list[_Item]:
+    """At most so many of the items, the first and others at equal distances."""
+    count = min(most, len(items))
+    return [items[i * (len(items) // count)] for i in range(count)]
+
+
+def _by_depth(nodes: Sequence[Node]) -> list[list[Node]]:
+    """Nodes in groups of one depth: what can share a batch of NLPs."""
+    groups: dict[int, list[Node]] = {}
+    for node in nodes:
+        groups.setdefault(node.depth, []).append(node)
+    return list(groups.values())
 
 
 def _is_reached(node: Node) -> bool:

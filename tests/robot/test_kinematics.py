@@ -115,13 +115,13 @@ def test_capsules(model: mujoco.MjModel, forward: Forward) -> None:
                 assert load_arm().capsule_radii[c] == size[0]
 
 
-def test_an_arm_is_its_own_mirror_image_but_for_the_forearm(model: mujoco.MjModel) -> None:
+def test_an_arm_is_its_own_mirror_image_but_for_forearm_and_flange(model: mujoco.MjModel) -> None:
     """What can be done with y reversed as well; the gripper's closing axis has no direction, fingers change places."""
     q, openings = sample_postures()
     mirrored = q * [-1, 1, -1, 1, -1, 1, -1]  # the hand is turned by -pi/4 on the flange
     mirrored[..., 6] += np.where(q[..., 6] > np.pi / 2 - JOINT_UPPER[6], np.pi / 2, -np.pi / 2)
     assert ((mirrored >= JOINT_LOWER) & (mirrored <= JOINT_UPPER)).all()
-    symmetric = [name for name in CAPSULE_NAMES if "forearm" not in name and "finger" not in name]
+    symmetric = [name for name in CAPSULE_NAMES if name.split("_")[0] not in ("forearm", "flange", "finger")]
     signs = np.array([1.0, -1.0, 1.0])
 
     def seen(data: mujoco.MjData, arm: str) -> list[Floats]:
