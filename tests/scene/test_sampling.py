@@ -57,6 +57,16 @@ def test_half_of_the_targets_are_occupied() -> None:
     assert shares[0] < 0.08 and 0.42 < shares[1] < 0.62 and shares[2] == 1.0
 
 
+def test_a_share_of_the_boxes_are_cubes() -> None:
+    distribution = SceneDistribution(cube_share=0.4)
+    low, high = distribution.cube_side
+    boxes = [item for scene in sample_scenes(300, 2, 1, distribution) for item in scene.objects]
+    cubes = [box for box in boxes if len(set(box.size)) == 1]
+    assert all(low <= cube.height <= high for cube in cubes)
+    assert all(box.height >= distribution.height[0] for box in boxes if box not in cubes)
+    assert 0.35 < len(cubes) / len(boxes) < 0.5
+
+
 def test_no_object_touches_an_arm_at_home() -> None:
     for scene in sample_scenes(20, 3, 2):
         model = build_model(scene)
@@ -71,6 +81,7 @@ def test_no_object_touches_an_arm_at_home() -> None:
         ({"height": (math.nan, 0.1)}, "range height is"),
         ({"shape": "ball"}, "shape is 'ball'; valid are box, cylinder, mixed"),
         ({"occupied_share": 1.5}, "occupied share is 1.5"),
+        ({"cube_share": -0.1}, "cube share is -0.1"),
         ({"base_distance": (5.0, 6.0)}, "no point with x"),
         ({"wide_side": (0.04, 3.0), "narrow_side": (3.0, 3.0)}, "none of 5000 scenes"),
     ],

@@ -6,9 +6,14 @@ import jax
 import numpy as np
 import pytest
 
+from dvr_jax.bench.recall import judge_prefix
+from dvr_jax.feasibility import passes_check
+from dvr_jax.logic import Action
 from dvr_jax.scene.footprint import Rectangle, inside
+from dvr_jax.scene.sampling import SceneDistribution, scene_of_seed
 from dvr_jax.scene.types import Goal, Region, Scene, SceneObject
-from dvr_jax.search.tree import WITNESS, Node, SequenceTree
+from dvr_jax.search.run import Run
+from dvr_jax.search.tree import PATH_STARTS, WITNESS, Node, SequenceTree
 from dvr_jax.search.work import run_alone
 
 BOX = SceneObject("a", "box", (0.05, 0.15, 0.1), (-0.2, 0.1), 0.3)
@@ -61,3 +66,50 @@ def test_what_a_particle_proves_lies_on_a_region_as_large_as_a_table(region: Reg
                 assert inside(footprint, grown)
                 proved += 1
     assert proved
+
+
+def sampled(index: int) -> Scene:
+    """A scene of two boxes, as the first training data had it."""
+    return scene_of_seed(100, index, 2, SceneDistribution(cube_share=0.0))
+
+
+def judged(scene: Scene, *actions: str) -> tuple[SequenceTree, Node]:
+    """A tree and the node of a sequence, with the sequence bounds of its prefixes."""
+    tree = SequenceTree(scene, k_max=len(actions))
+    return tree, run_alone(judge_prefix(tree, [Action.parse(action) for action in actions]))
+
+
+def test_a_second_look_finds_what_the_sequence_bound_missed() -> None:
+    scene = sampled(949)
+    actions = "grasp(right, -y, yellow)", "grasp(left, +y, yellow)", "place(left, yellow, goal)"
+    with jax.enable_x64(True):
+        tree, node = judged(scene, *actions)
+        assert node.feasible is False and node.refuted_by == "sequence" and node.violation > 1
+        run_alone(tree.look_again([node]))
+        assert node.feasible and not node.refuted_by
+        run = Run(tree, lambda leaf, path: passes_check(scene, leaf, path), lambda line: None)
+        assert run_alone(run.try_path(node)) is not None
+
+
+def test_a_second_look_leaves_what_is_infeasible_refuted() -> None:
+    # The goal's object is out of the left arm's reach wherever it is grasped.
+    far = SceneObject("a", "box", (0.05, 0.15, 0.1), (0.9, 0.6), 0.3)
+    with jax.enable_x64(True):
+        tree, node = judged(Scene((far,), Goal("a", Region((0.0, 0.0), 0.0, (0.2, 0.2)))), "grasp(left, +x, a)")
+        before = node.refuted_by, tree.counts.feasible["sequence"]
+        run_alone(tree.look_again([node]))
+    assert node.feasible is False and (node.refuted_by, tree.counts.feasible["sequence"]) == before
+
+
+def test_a_path_is_tried_from_further_keyframes_too() -> None:
+    scene = sampled(2666)
+    with jax.enable_x64(True):
+        tree, node = judged(scene, "grasp(right, -y, blue)", "place(right, blue, goal)")
+        good = tree.path_keyframes(node)
+        assert len(good) < PATH_STARTS
+        assert not any(run_alone(tree.solve_path(node, keyframes)).feasible for keyframes in good)
+        run = Run(tree, lambda leaf, path: passes_check(scene, leaf, path), lambda line: None)
+        tree.counts.nlps.clear()
+        outcome = run_alone(run.try_path(node))
+    assert outcome is not None and node.solved and not node.refuted_by
+    assert len(good) < tree.counts.nlps["path"] <= PATH_STARTS and tree.counts.nlps["sequence"] > 0
