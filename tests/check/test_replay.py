@@ -174,7 +174,7 @@ def goal_elsewhere(case: Case) -> Case:
 
 def placed_too_high(case: Case) -> Case:
     def change(qpos: np.ndarray) -> None:
-        qpos[case.motion.switch[1] :, YELLOW[2]] += 0.0025
+        qpos[case.motion.switch[1] :, YELLOW[2]] += 0.0022
 
     return changed(case, change)
 
