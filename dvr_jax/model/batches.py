@@ -249,8 +249,8 @@ def _means(values: NDArray[np.floating], bounds: NDArray[np.integer]) -> NDArray
 
 
 def draw_mirrored(scenes: int, seed: int, step: int) -> NDArray[np.bool_]:
-    """Of which scenes one batch reverses x and y (S, 2). The two arms stand opposite each other, and but for a housing
-    at the forearm each is its own mirror image: what is feasible stays so."""
+    """Of which scenes one batch reverses x and y (S, 2). The two arms stand opposite each other, and but for housings
+    at forearm and flange each is its own mirror image: what is feasible stays so."""
     return np.random.default_rng([seed, step, 1]).random((scenes, 2)) < 0.5
 
 
