@@ -33,7 +33,7 @@ from dvr_jax.scene.types import Scene
 from dvr_jax.search.tree import Node, SequenceTree
 from dvr_jax.search.work import run_alone
 
-HANDOVERS = (43, 115)
+HANDOVERS = (43, 247)
 """Of the frozen problems, two of two actions whose first path penetrates between its samples."""
 
 
