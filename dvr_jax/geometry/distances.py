@@ -100,48 +100,112 @@ def point_prism(p: Vector, half: Prism) -> tuple[Array, tuple[Array, Array, Arra
     return distance, (wh * ex * jnp.sign(p[0]), wh * ey * jnp.sign(p[1]), wv * jnp.sign(p[2]))
 
 
-def capsule_prism(
-    a0: Vector, a1: Vector, radius: Array | float, R: Rotation, p: Vector, half: Prism, rounds: int = 6
-) -> tuple[Array, Six]:
-    """Signed distance and wrench of capsules to prisms with pose ``R, p``.
+_Bracket = tuple[Array, Array, Array, Array]
+"""Both ends of an interval on which a function changes its sign, and the function there."""
 
-    The distance of a point to a convex body is convex along the segment, so its minimum is bracketed by the sign of
-    the slope: ``rounds`` pairs of one false-position and one bisection step, and one more false position. Outside,
-    the slope of the squared distance to a box is piecewise linear and false position ends on its root exactly. An
-    error e in the position on the segment costs the order of e^2 in the distance outside, and of e inside. Where the
-    capsule's *axis* enters the prism, the depth is that of the axis' deepest point."""
+
+def _false_position(low: Array, high: Array, at_low: Array, at_high: Array) -> Array:
+    gap = at_high - at_low
+    return jnp.clip(low - at_low * (high - low) / jnp.where(gap > 0, gap, 1), low, high)
+
+
+def _kinks(b0: Vector, d: Vector, half: Prism) -> Array:
+    """Positions (6, ...) along lines ``b0 + t d`` where the distance to a prism has a kink: on a box' six planes; on
+    a cylinder's two planes and its side, and where the line is nearest to the cylinder's axis."""
+
+    def over(a: Array, b: Array) -> Array:
+        return a / jnp.where(jnp.abs(b) > TINY, b, TINY)
+
+    def planes(axis: int) -> tuple[Array, Array]:
+        return over(-half[axis] - b0[axis], d[axis]), over(half[axis] - b0[axis], d[axis])
+
+    square = d[0] * d[0] + d[1] * d[1]
+    nearest = over(-(b0[0] * d[0] + b0[1] * d[1]), square)
+    chord = nearest * nearest - over(b0[0] * b0[0] + b0[1] * b0[1] - half[3] * half[3], square)
+    chord = jnp.sqrt(jnp.maximum(chord, 0))
+    round_side = (nearest - chord, nearest, nearest + chord, nearest)
+    side = [jnp.where(half[3] > 0, a, b) for a, b in zip(round_side, (*planes(0), *planes(1)), strict=True)]
+    return jnp.stack(jnp.broadcast_arrays(*planes(2), *side))
+
+
+def _slope(p: Vector, d: Vector, half: Prism) -> Array:
+    """Slope of half the squared distance to a prism along ``d`` at points outside; at points inside a number that has
+    the sign of the distance's slope."""
+    qx, qy, vertical = (jnp.abs(x) - h for x, h in zip(p, half[:3], strict=True))
+    dx, dy, dz = (jnp.sign(x) * along for x, along in zip(p, d, strict=True))
+    px, py = jnp.maximum(qx, 0), jnp.maximum(qy, 0)
+    square = px * px + py * py
+    rho = jnp.sqrt(square + TINY * TINY)
+    horizontal = jnp.where(square > 0, rho - half[3], jnp.maximum(qx, qy))
+    radial = jnp.where(square > 0, (px * dx + py * dy) / rho, jnp.where(qx > qy, dx, dy))
+    outside = jnp.maximum(horizontal, 0) * radial + jnp.maximum(vertical, 0) * dz
+    inside = jnp.where(horizontal > vertical, radial, dz)
+    return jnp.where(jnp.maximum(horizontal, vertical) > 0, outside, 1e-3 * inside)
+
+
+def capsule_prism(
+    a0: Vector, a1: Vector, radius: Array | float, R: Rotation, p: Vector, half: Prism, guesses: int = 3
+) -> tuple[Array, Six]:
+    """Signed distance and wrench of capsules to prisms with pose ``R, p``. A prism is a box or a cylinder here: its
+    ``r`` is 0, or ``hx`` and ``hy`` are.
+
+    The distance of a point to a convex body is convex along the capsule's axis, so its minimum is bracketed by the
+    sign of the slope. The bracket is cut where the distance has kinks, halved three times, and cut at ``guesses`` by
+    false position: outside a box the slope of the squared distance is linear between kinks, and the nearest point is
+    exact. On a cylinder the distance is wrong by 1e-8 m in one of 1,000 cases, by 3e-6 m at most. Where the capsule's
+    *axis* enters the prism, the depth is that of the axis' deepest point, to about 1 mm."""
     b0, d = materialize((rotate_back(R, a0 - p), rotate_back(R, a1 - a0)))
 
-    def slope(t: Array) -> Array:
-        distance, gradient = point_prism(b0 + t * d, half)
-        return dot(gradient, d) * jnp.maximum(distance, 1e-3)  # type: ignore[arg-type]
-
-    zero = jnp.zeros_like(d[0] + half[0])
-
-    def false_position(low: Array, high: Array, slope_low: Array, slope_high: Array) -> Array:
-        gap = slope_high - slope_low
-        return jnp.clip(low - slope_low * (high - low) / jnp.where(gap > 0, gap, 1), low, high)
-
-    def shrink(bracket: tuple[Array, Array, Array, Array], middle: Array) -> tuple[Array, Array, Array, Array]:
-        low, high, slope_low, slope_high = bracket
-        value = materialize(slope(middle))
+    def cut(bracket: _Bracket, t: Array) -> tuple[_Bracket, Array]:
+        """What is left of a bracket, and the end that moved: -1 ``low``, 1 ``high``."""
+        low, high, at_low, at_high = bracket
+        t = materialize(t)
+        value = materialize(_slope(b0 + t * d, d, half))
         left = value <= 0
         return (
-            jnp.where(left, middle, low), jnp.where(left, high, middle),
-            jnp.where(left, value, slope_low), jnp.where(left, slope_high, value),
-        )  # fmt: skip
+            jnp.where(left, t, low), jnp.where(left, high, t),
+            jnp.where(left, value, at_low), jnp.where(left, at_high, value),
+        ), jnp.where(left, -1, 1)  # fmt: skip
 
-    def one_round(_: int, bracket: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
-        bracket = shrink(bracket, false_position(*bracket))
-        return shrink(bracket, 0.5 * (bracket[0] + bracket[1]))
+    def at_kink(i: int, bracket: _Bracket) -> _Bracket:
+        return cut(bracket, jnp.clip(kinks[i], bracket[0], bracket[1]))[0]
 
-    ends = (zero, zero + 1, slope(zero), slope(zero + 1))
-    bracket = jax.lax.fori_loop(0, rounds, one_round, ends)
-    t = jnp.where(ends[2] >= 0, 0, jnp.where(ends[3] <= 0, 1, false_position(*bracket)))
+    def in_half(_: int, bracket: _Bracket) -> _Bracket:
+        return cut(bracket, 0.5 * (bracket[0] + bracket[1]))[0]
+
+    def at_guess(_: int, state: tuple[_Bracket, Array]) -> tuple[_Bracket, Array]:
+        bracket, last = state
+        (low, high, at_low, at_high), moved = cut(bracket, _false_position(*bracket))
+        # Illinois rule: an end that stays twice holds false position up, so its value counts half.
+        again = moved == last
+        at_low = jnp.where(again & (moved > 0), 0.5 * at_low, at_low)
+        at_high = jnp.where(again & (moved < 0), 0.5 * at_high, at_high)
+        return (low, high, at_low, at_high), moved
+
+    zero = jnp.zeros_like(d[0] + half[0])
+    first, last = materialize((_slope(b0, d, half), _slope(b0 + d, d, half)))
+    kinks = materialize(_kinks(b0, d, half))
+    bracket = (zero, zero + 1, first, last)
+    bracket = jax.lax.fori_loop(0, len(kinks), at_kink, bracket)
+    bracket = jax.lax.fori_loop(0, 3, in_half, bracket)
+    bracket, _ = jax.lax.fori_loop(0, guesses, at_guess, (bracket, jnp.zeros(zero.shape, int)))
+    t = jnp.where(first >= 0, 0, jnp.where(last <= 0, 1, _meet(bracket, b0, d, half)))
     t = materialize(t)
     distance, gradient = materialize(point_prism(b0 + t * d, half))
     normal = rotate(R, gradient)  # type: ignore[arg-type]
     return distance - radius, _wrench(*materialize((a0 + t * (a1 - a0), normal)))
+
+
+def _meet(bracket: _Bracket, b0: Vector, d: Vector, half: Prism) -> Array:
+    """Where the nearest point is within a small bracket: by false position outside; inside, where depth has linear
+    pieces, where the tangents at both ends meet."""
+    low, high, *_ = bracket
+    (d0, g0), (d1, g1) = materialize((point_prism(b0 + low * d, half), point_prism(b0 + high * d, half)))
+    s0, s1 = dot(g0, d), dot(g1, d)  # type: ignore[arg-type]
+    tangents = low + (d0 - d1 + s1 * (high - low)) / jnp.where(s1 > s0, s1 - s0, 1)
+    # Not 0: the ends may be where the line meets the surface.
+    inside = jnp.maximum(d0, d1) < 1e-9
+    return jnp.where(inside, jnp.clip(tangents, low, high), _false_position(*bracket))
 
 
 def prism_support(R: Rotation, half: Prism, n: Vector) -> Vector:

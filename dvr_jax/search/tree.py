@@ -270,9 +270,7 @@ class SequenceTree:
         if time.monotonic() > self.deadline:
             raise OutOfTime
 
-    def _sample(
-        self, nodes: list[Node], ignored: list[tuple[str, ...]], seed: int | None = None
-    ) -> Steps[list[Node]]:
+    def _sample(self, nodes: list[Node], ignored: list[tuple[str, ...]], seed: int | None = None) -> Steps[list[Node]]:
         """Particles of nodes, each with some objects left out; those nodes that no particle proves feasible."""
         for first in range(0, len(nodes), BATCH):
             self.look_at_the_clock()

@@ -1,7 +1,6 @@
 """Contact wrenches against central differences of the distance under small rigid motions of either body."""
 
 from collections.abc import Callable
-from functools import partial
 
 import jax
 import numpy as np
@@ -64,12 +63,9 @@ def test_prism_plane(kind: str) -> None:
 
 @KINDS
 def test_capsule_prism_with_the_axis_outside(kind: str) -> None:
-    """In contact with rounds enough to converge, apart as it is called."""
     capsules, prisms = sample_bodies("capsule", PAIRS, 5, spread=0.15), sample_bodies(kind, PAIRS, 6, spread=0.05)
-    depth = deepest_of_axis(capsules, prisms, samples=101)
-    outside, apart = depth > 1e-3, depth > capsules.size[:, 0]
-    assert_wrench_is_derivative(partial(capsule_prism, rounds=12), capsules[outside], prisms[outside])
-    assert_wrench_is_derivative(capsule_prism, capsules[apart], prisms[apart])
+    outside = deepest_of_axis(capsules, prisms, samples=101) > 1e-3
+    assert_wrench_is_derivative(capsule_prism, capsules[outside], prisms[outside])
 
 
 COMBINATIONS = [("box", "box"), ("box", "cylinder"), ("cylinder", "box"), ("cylinder", "cylinder")]
@@ -125,4 +121,4 @@ def test_prism_prism_past_corners(a: str, b: str) -> None:
 def test_capsule_prism_with_the_axis_inside(kind: str) -> None:
     capsules, prisms = sample_bodies("capsule", PAIRS, 7, spread=0.06), sample_bodies(kind, PAIRS, 8, spread=0.06)
     inside = deepest_of_axis(capsules, prisms, samples=101) < -1e-3
-    assert_wrench_is_derivative(partial(capsule_prism, rounds=20), capsules[inside], prisms[inside])
+    assert_wrench_is_derivative(capsule_prism, capsules[inside], prisms[inside])
