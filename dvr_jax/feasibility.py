@@ -27,8 +27,9 @@ from dvr_jax.komo.engine import Solved
 from dvr_jax.komo.interpolation import interpolate
 from dvr_jax.logic import Action, SymbolicError
 from dvr_jax.scene.types import Scene
+from dvr_jax.search.node import Node
 from dvr_jax.search.run import Run
-from dvr_jax.search.tree import Node, SequenceTree
+from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import Steps, run_alone
 
 

@@ -24,11 +24,12 @@ from dvr_jax.feasibility import motion_of
 from dvr_jax.komo.engine import Solved
 from dvr_jax.logic import Action, describe
 from dvr_jax.scene.types import Scene
+from dvr_jax.search.node import Node
 from dvr_jax.search.reasoning import Network
 from dvr_jax.search.run import SOLVED
 from dvr_jax.search.searches import GUIDED
 from dvr_jax.search.searches import search as run_search
-from dvr_jax.search.tree import Node, SequenceTree
+from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.warm import warming_up
 
 

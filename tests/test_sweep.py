@@ -19,7 +19,8 @@ from dvr_jax.dataset.shards import list_shards, read_shard, same_rows, write_sha
 from dvr_jax.scene.sampling import sample_scenes
 from dvr_jax.scene.scene import save_scenes
 from dvr_jax.scene.types import Scene
-from dvr_jax.search.tree import Node, SequenceTree
+from dvr_jax.search.node import Node
+from dvr_jax.search.tree import SequenceTree
 from dvr_jax.sweep import label_scenes
 
 LEAVES = [Node((), 0, None, reaches_goal=True) for _ in range(8)]

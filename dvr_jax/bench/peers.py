@@ -53,7 +53,8 @@ from dvr_jax.komo.verdict import PENETRATION_TOLERANCE
 from dvr_jax.logic import Action, Grounding
 from dvr_jax.scene.sampling import scene_of_seed
 from dvr_jax.scene.types import Scene
-from dvr_jax.search.tree import Node, SequenceTree
+from dvr_jax.search.node import Node
+from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import run_alone
 
 LENGTHS = range(2, 7)
@@ -150,8 +151,8 @@ def _our_keyframes(scene: Scene, actions: Sequence[Action], seed: int) -> tuple[
 
 
 def _our_path(tree: SequenceTree, node: Node) -> tuple[Solved, dict[str, Any]]:
-    run_alone(tree.solve_path(node))
-    path, cpu, wall = time_call(lambda: run_alone(tree.solve_path(node)))
+    run_alone(tree.solver.solve_path(node))
+    path, cpu, wall = time_call(lambda: run_alone(tree.solver.solve_path(node)))
     row = {"feasible": path.feasible, "seconds": cpu, "wall seconds": wall, "iterations": path.iterations}
     return path, {**row, "ratio": path.ratio}
 

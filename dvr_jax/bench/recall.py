@@ -39,8 +39,9 @@ from dvr_jax.scene.sampling import sample_scene
 from dvr_jax.scene.scene import scene_from_json, scene_to_json
 from dvr_jax.scene.types import Scene
 from dvr_jax.scene.workspace import TABLE_HALF_EXTENTS
+from dvr_jax.search.node import Node
 from dvr_jax.search.run import Run
-from dvr_jax.search.tree import Node, SequenceTree
+from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import Steps, run_alone, run_together
 
 PROBLEMS = Path("bench/recall_problems.jsonl")

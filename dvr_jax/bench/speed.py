@@ -21,7 +21,9 @@ from dvr_jax.komo.solver import CHUNK, Geometry, judge, lay_out_chunks, measure_
 from dvr_jax.komo.transcription import transcribe
 from dvr_jax.logic import Action
 from dvr_jax.scene.sampling import sample_scenes
-from dvr_jax.search.tree import WITNESS, Node, SequenceTree
+from dvr_jax.search.node import Node
+from dvr_jax.search.solver import WITNESS
+from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import run_alone
 
 

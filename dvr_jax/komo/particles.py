@@ -7,8 +7,8 @@ inverse kinematics, ranked by how deep things penetrate. A child's particles are
 of mode parameters, inverse kinematics, distances, the best kept with a share for every parent. Sequences with a common
 prefix share its particles.
 
-Particles propose. One that touches nothing is a feasible point by itself (`dvr_jax.search.tree.WITNESS`); in all other
-cases the NLP decides.
+Particles propose. One that touches nothing is a feasible point by itself (`dvr_jax.search.solver.WITNESS`); in all
+other cases the NLP decides.
 """
 
 from __future__ import annotations

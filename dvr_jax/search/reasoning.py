@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 
 from dvr_jax.logic import Grounding
 from dvr_jax.scene.types import Scene
+from dvr_jax.search.node import Node
 from dvr_jax.search.run import EXHAUSTED, Outcome, Run
-from dvr_jax.search.tree import Node
 from dvr_jax.search.work import Steps
 
 THRESHOLD = 0.5
@@ -143,7 +143,7 @@ def _guided(run: Run, network: Network, expand: _ByProbability) -> Steps[Outcome
     expand.push(_Candidate(tree.root, 1.0, code.initial_hidden()[0]))
     leaves, threshold, width = _ByProbability(), THRESHOLD, 1
     while expand or leaves:
-        tree.look_at_the_clock()
+        tree.solver.look_at_the_clock()
         if expand:
             candidate = expand.pop(threshold)
             if not _is_refuted(candidate.node) and (candidate.node is tree.root or tree.recall_pose(candidate.node)):

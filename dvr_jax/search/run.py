@@ -10,7 +10,9 @@ from dataclasses import dataclass, field
 
 from dvr_jax.komo.engine import Solved
 from dvr_jax.komo.problem import Variables
-from dvr_jax.search.tree import PATH_STARTS, Node, SequenceTree
+from dvr_jax.search.node import Node
+from dvr_jax.search.solver import PATH_STARTS
+from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import Steps
 
 Accept = Callable[[Node, Solved], bool]
@@ -100,18 +102,18 @@ class Run:
     def try_path(self, node: Node) -> Steps[Outcome | None]:
         """Path from each of the leaf's keyframes in turn, and then from further ones, until one is accepted."""
         node.solved, node.refuted_by, node.violation = False, "path", math.nan
-        starts = self.tree.path_keyframes(node)
+        starts = self.tree.solver.path_keyframes(node)
         outcome = yield from self._try_path_from(node, starts)
         if outcome is None and len(starts) < PATH_STARTS:
             with self.timed("sequence"):
-                further = yield from self.tree.more_keyframes(node, PATH_STARTS - len(starts))
+                further = yield from self.tree.solver.more_keyframes(node, PATH_STARTS - len(starts))
             outcome = yield from self._try_path_from(node, further)
         return outcome
 
     def _try_path_from(self, node: Node, starts: Sequence[Variables]) -> Steps[Outcome | None]:
         for keyframes in starts:
             with self.timed("path"):
-                solved = yield from self.tree.solve_path(node, keyframes)
+                solved = yield from self.tree.solver.solve_path(node, keyframes)
             words = "feasible" if solved.feasible else f"violation {solved.ratio:.1f} times the tolerance"
             self.progress(f"path of {' '.join(str(action) for action in node.actions)}: {words}")
             if not solved.feasible:

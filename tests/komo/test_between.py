@@ -30,7 +30,8 @@ from dvr_jax.komo.transcription import transcribe
 from dvr_jax.komo.verdict import REST_TOLERANCE
 from dvr_jax.scene.mjcf import build_model
 from dvr_jax.scene.types import Scene
-from dvr_jax.search.tree import Node, SequenceTree
+from dvr_jax.search.node import Node
+from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import run_alone
 
 HANDOVERS = (43, 247)
@@ -68,7 +69,7 @@ def test_a_path_that_penetrates_between_its_samples_is_not_feasible(
 ) -> None:
     monkeypatch.setattr(engine, "EXCHANGES", 0)
     scene, tree, node = handover
-    path = run_alone(tree.solve_path(node))
+    path = run_alone(tree.solver.solve_path(node))
     (share,), (depth,) = (part[:1] for part in looks[-1])
     assert depth.max() > DEEPEST_CONTACT
     assert not path.feasible and path.status == ITERATION_LIMIT and path.ratio > 1
@@ -92,7 +93,7 @@ def test_exchanged_samples_end_in_a_motion_without_penetration(
     handover: tuple[Scene, SequenceTree, Node], looks: list[Looks]
 ) -> None:
     scene, tree, node = handover
-    path = run_alone(tree.solve_path(node))
+    path = run_alone(tree.solver.solve_path(node))
     assert len(looks) > 1 and looks[0].depth.max() > DEEPEST_CONTACT
     assert path.feasible and path.status == FEASIBLE and path.ratio <= 1
     assert replay(scene, node, path).deepest_penetration <= BETWEEN_TOLERANCE
@@ -102,7 +103,7 @@ def test_a_motion_starts_and_ends_at_rest_and_keeps_to_the_limits(
     handover: tuple[Scene, SequenceTree, Node],
 ) -> None:
     scene, tree, node = handover
-    path = run_alone(tree.solve_path(node))
+    path = run_alone(tree.solver.solve_path(node))
     assert path.feasible and np.abs(path.q[-1] - path.q[-2]).max() < REST_TOLERANCE
     report = replay(scene, node, path)
     # These are first actions of longer sequences: at their end the goal's object is still held.

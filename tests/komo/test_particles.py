@@ -12,7 +12,7 @@ from dvr_jax.komo.problem import Problem, Variables
 from dvr_jax.komo.slices import measure
 from dvr_jax.komo.transcription import transcribe
 from dvr_jax.komo.verdict import Violations, measure_violations
-from dvr_jax.search.tree import WITNESS
+from dvr_jax.search.solver import WITNESS
 
 
 @jax.jit

@@ -12,8 +12,10 @@ from dvr_jax.logic import Action
 from dvr_jax.scene.footprint import Rectangle, inside
 from dvr_jax.scene.sampling import SceneDistribution, scene_of_seed
 from dvr_jax.scene.types import Goal, Region, Scene, SceneObject
+from dvr_jax.search.node import Node
 from dvr_jax.search.run import Run
-from dvr_jax.search.tree import PATH_STARTS, WITNESS, Node, SequenceTree
+from dvr_jax.search.solver import PATH_STARTS, WITNESS
+from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import run_alone
 
 BOX = SceneObject("a", "box", (0.05, 0.15, 0.1), (-0.2, 0.1), 0.3)
@@ -105,9 +107,9 @@ def test_a_path_is_tried_from_further_keyframes_too() -> None:
     scene = sampled(2666)
     with jax.enable_x64(True):
         tree, node = judged(scene, "grasp(right, -y, blue)", "place(right, blue, goal)")
-        good = tree.path_keyframes(node)
+        good = tree.solver.path_keyframes(node)
         assert len(good) < PATH_STARTS
-        assert not any(run_alone(tree.solve_path(node, keyframes)).feasible for keyframes in good)
+        assert not any(run_alone(tree.solver.solve_path(node, keyframes)).feasible for keyframes in good)
         run = Run(tree, lambda leaf, path: passes_check(scene, leaf, path), lambda line: None)
         tree.counts.nlps.clear()
         outcome = run_alone(run.try_path(node))

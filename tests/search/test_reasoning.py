@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from dvr_jax.logic import Action, enumerate_sequences
 from dvr_jax.scene.types import Goal, Region, Scene, SceneObject
+from dvr_jax.search.node import Node
 from dvr_jax.search.reasoning import LARGEST_BATCH
 from dvr_jax.search.run import EXHAUSTED, SOLVED, Outcome, Run
 from dvr_jax.search.searches import steps_of
-from dvr_jax.search.tree import Node, SequenceTree
+from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import Steps, run_alone
 
 K_MAX = 4

@@ -1,0 +1,49 @@
+"""A node of the tree of action sequences: a prefix, and what is known of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from dvr_jax.komo.particles import Particles
+from dvr_jax.komo.problem import Problem
+from dvr_jax.logic import Action
+
+
+@dataclass(slots=True, eq=False)
+class Node:
+    """A prefix: a sequence of applicable actions."""
+
+    actions: tuple[Action, ...]
+    state: int
+    """Symbolic state after the actions."""
+    parent: Node | None
+    reaches_goal: bool
+    problem: Problem | None = None
+    particles: Particles | None = None
+    feasible: bool | None = None
+    """Verdict of the sequence bound, or False by the pose bound; None: not computed."""
+    refuted_by: str = ""
+    """The bound that refuted it: "symbolic", "pose", "sequence", "path", or "check" for a path that only the check
+    refused."""
+    violation: float = math.nan
+    """Least violation that an NLP under the refuting bound ended with, as a multiple of its tolerance."""
+    solved: bool | None = None
+    """Whether there is an accepted path; None: not tried."""
+    children: list[Node] | None = None
+
+    def refute(self, bound: str, violation: float) -> None:
+        """Note that a bound of keyframes refutes this prefix, and so all its continuations."""
+        self.feasible, self.refuted_by, self.violation = False, bound, violation
+
+    @property
+    def depth(self) -> int:
+        """Number of actions."""
+        return len(self.actions)
+
+    def ancestor(self, depth: int) -> Node:
+        """The prefix of this length, or the node itself where it is shorter."""
+        node = self
+        while node.depth > depth and node.parent is not None:
+            node = node.parent
+        return node
