@@ -3,8 +3,8 @@
 Each scene gives, for every length, sequences drawn at random and sequences whose keyframes our search finds feasible;
 the latter favour ours, so the tables end with both kinds apart.
 Both solvers run warm, in one process on one core. Keyframes: `robotic` solves its NLP once from the home posture, as
-its tutorials do; ours is what a search does for one sequence, particles of every prefix and NLPs from the best of them,
-without the company of other sequences that a search has.
+its tutorials do; ours is the sequence bound of every prefix, particles and NLPs from the best of them, without the
+company of other sequences that a search has, and without the second look at a sequence that it refutes.
 Paths: one NLP each, from the solver's own keyframes. Loading, set-up and compilation are not timed. `robotic`'s
 solutions are judged a second time, as points of our NLP by our measure; feasible paths by the independent check."""
 
@@ -143,7 +143,7 @@ def _passes(scene: Scene, actions: Sequence[Action], problem: Problem, q: Any, m
 
 
 def _our_keyframes(scene: Scene, actions: Sequence[Action], seed: int) -> tuple[SequenceTree, Node, dict[str, Any]]:
-    """Particles of every prefix, and NLPs where no particle is a witness: what a search does for one sequence."""
+    """Particles of every prefix, and NLPs where no particle is a witness: the sequence bound."""
     for _ in range(2):  # the first time compiles
         tree = SequenceTree(scene, len(actions), seed)
         node, cpu, wall = time_call(partial(run_alone, judge_prefix(tree, actions)))

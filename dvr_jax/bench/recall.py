@@ -268,13 +268,16 @@ def read_problems(path: Path) -> Iterator[tuple[Scene, list[Action], dict[str, A
         yield scene_from_json(json.dumps(row["scene"])), actions, row
 
 
-def judge_prefix(tree: SequenceTree, actions: Sequence[Action]) -> Steps[Node]:
-    """The node of a sequence, with the sequence bound of each of its prefixes."""
+def judge_prefix(tree: SequenceTree, actions: Sequence[Action], second_look: bool = False) -> Steps[Node]:
+    """The node of a sequence, with the sequence bound of each of its prefixes, and the second look that searches take
+    at a sequence that reaches the goal."""
     node = tree.root
     for k in range(len(actions)):
         child = Node(tuple(actions[: k + 1]), 0, node, reaches_goal=False)
         if node.feasible:
             yield from tree.judge_sequences([child])
+            if second_look:
+                yield from tree.look_again([child])
         else:
             child.feasible = False
         node = child
@@ -284,7 +287,7 @@ def judge_prefix(tree: SequenceTree, actions: Sequence[Action]) -> Steps[Node]:
 def _judge(scene: Scene, actions: Sequence[Action], is_path: bool) -> Steps[tuple[bool, bool | None]]:
     """Our verdict on a problem, and whether the check accepts its first feasible path (None: there is no path)."""
     tree = SequenceTree(scene, k_max=6)
-    node = yield from judge_prefix(tree, actions)
+    node = yield from judge_prefix(tree, actions, second_look=True)
     if not (is_path and node.feasible):
         return bool(node.feasible) and not is_path, None
     checked: list[bool] = []

@@ -2,8 +2,8 @@
 
 Shapes. A *capsule* is a segment with a radius. A *prism* stands for boxes and cylinders alike: half extents ``(hx,
 hy, hz, r)``, a box of half extents ``hx, hy, hz`` whose horizontal outline is rounded outwards by ``r``. A box has
-``r = 0``, an upright cylinder ``hx = hy = 0``. One formula serves both, so shapes are data and no branch is taken on
-them.
+``r = 0``, an upright cylinder ``hx = hy = 0``. One formula serves both, so shapes are data; only where the distance has
+kinks (`capsule_prism`) differs.
 
 Every distance is positive apart and negative in penetration [m]. Each comes with a contact point ``c`` and a unit
 normal ``n`` (world frame, pointing from the second body to the first), returned as the *wrench* ``w = (c x n, n)``
@@ -97,7 +97,9 @@ def point_prism(p: Vector, half: Prism) -> tuple[Array, tuple[Array, Array, Arra
     wh = jnp.where(outside, h / length, side_nearer)
     wv = jnp.where(outside, v / length, ~side_nearer)
     distance = jnp.where(outside, length, jnp.maximum(horizontal, vertical))
-    return distance, (wh * ex * jnp.sign(p[0]), wh * ey * jnp.sign(p[1]), wv * jnp.sign(p[2]))
+    # Not `sign`, which is 0 on the planes between two faces.
+    sx, sy, sz = (jnp.where(x < 0, -1, 1) for x in p)
+    return distance, (wh * ex * sx, wh * ey * sy, wv * sz)
 
 
 _Bracket = tuple[Array, Array, Array, Array]
@@ -136,7 +138,7 @@ def _slope(p: Vector, d: Vector, half: Prism) -> Array:
     px, py = jnp.maximum(qx, 0), jnp.maximum(qy, 0)
     square = px * px + py * py
     rho = jnp.sqrt(square + TINY * TINY)
-    horizontal = jnp.where(square > 0, rho - half[3], jnp.maximum(qx, qy))
+    horizontal = jnp.where(square > 0, rho, jnp.maximum(qx, qy)) - half[3]
     radial = jnp.where(square > 0, (px * dx + py * dy) / rho, jnp.where(qx > qy, dx, dy))
     outside = jnp.maximum(horizontal, 0) * radial + jnp.maximum(vertical, 0) * dz
     inside = jnp.where(horizontal > vertical, radial, dz)
@@ -153,7 +155,8 @@ def capsule_prism(
     sign of the slope. The bracket is cut where the distance has kinks, halved three times, and cut at ``guesses`` by
     false position: outside a box the slope of the squared distance is linear between kinks, and the nearest point is
     exact. On a cylinder the distance is wrong by 1e-8 m in one of 1,000 cases, by 3e-6 m at most. Where the capsule's
-    *axis* enters the prism, the depth is that of the axis' deepest point, to about 1 mm."""
+    *axis* enters the prism, the depth is that of the axis' deepest point; it is too small by 1 mm in one of 1,000
+    cases, by 5 mm at most."""
     b0, d = materialize((rotate_back(R, a0 - p), rotate_back(R, a1 - a0)))
 
     def cut(bracket: _Bracket, t: Array) -> tuple[_Bracket, Array]:

@@ -83,7 +83,8 @@ class TrainOptions:
     least_feasible: int = 16
     """Of these, drawn from the feasible ones."""
     unknown: float = 0.1
-    """Weight of targets of 0 that only say that nobody has looked; with 1 all targets count alike, as in the paper."""
+    """Weight of targets of 0 that only say that nobody has looked; with 1 all targets count alike, as in the paper.
+    A classifier's targets are all known."""
     stratified: bool = True
     """Draw the others evenly by the number of actions after which they are refuted; without it, from all evenly."""
     batch_scenes: int = 12

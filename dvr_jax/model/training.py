@@ -114,8 +114,9 @@ class Validation:
         return Validation(examples, table, _spread(rows, most_sequences), kind, positive_weight, solutions)
 
     def measure(self, weights: Weights) -> dict[str, float]:
-        """Loss, average precision of the steps of full weight (those whose targets are known) and, of a dvr network,
-        the share of scenes with a solution in which the greedy sequence is one of the feasible ones."""
+        """Loss, average precision of the steps of full weight (where unknown targets weigh less: of the known ones)
+        and, of a dvr network, the share of scenes with a solution in which the greedy sequence is one of the feasible
+        ones."""
         losses, totals, labels, scores = [], [], [], []
         scale = jnp.float32(self.positive_weight)
         for first in range(0, len(self.rows), VALIDATION_BATCH):

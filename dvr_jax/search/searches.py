@@ -6,7 +6,7 @@ Within a length, sequences that reach the goal come first. They differ in what t
 
 - *breadth-first* takes the sequence bound of every prefix;
 - *multi-bound* (Toussaint and Lopes 2017) prunes with the pose bound, whose verdicts many prefixes share, and takes
-  the sequence bound along the sequences that reach the goal only.
+  the sequence bound along the sequences that reach the goal only, with a second look at what it refutes there.
 """
 
 from __future__ import annotations

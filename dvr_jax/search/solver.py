@@ -1,8 +1,5 @@
-"""The numerical work behind the bounds of one scene's tree: samples of keyframes, keyframe NLPs, path NLPs.
-
-All are generators: they ask for work (`dvr_jax.search.work`) and go on when it is done, so that the trees of many
-scenes can share batches.
-"""
+"""The numerical work behind the bounds of one scene's tree: samples of keyframes, keyframe NLPs, path NLPs. What
+asks for work (`dvr_jax.search.work`) is a generator."""
 
 from __future__ import annotations
 
@@ -84,7 +81,7 @@ class NodeSolver:
 
     def solve(self, nodes: list[Node], bound: str) -> Steps[None]:
         """Keyframe NLPs of nodes that no particle proved feasible: all from their best particle, then those that failed
-        from the others."""
+        from the particles of `FURTHER_STARTS`."""
         for group in _by_depth(nodes):
             failed = yield from self._solve_from(group, [0], bound)
             # Where inverse kinematics found nothing at all, more starts are no better than one.

@@ -1,4 +1,5 @@
-"""The tree of action sequences of one scene, and the verdicts of its bounds, each computed once and kept.
+"""The tree of action sequences of one scene, and the verdicts of its bounds, computed once and kept; only
+`SequenceTree.look_again` takes one back.
 
 Bounds of a node, each a relaxation of the next, so that infeasible under one means infeasible under all that follow
 and for all descendants:

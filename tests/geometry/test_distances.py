@@ -7,7 +7,14 @@ import numpy as np
 import pytest
 from convex_pairs import Bodies, Floats, deepest_of_axis, mujoco_distances, sample_bodies
 
-from dvr_jax.geometry.distances import capsule_capsule, capsule_plane, capsule_prism, prism_plane, prism_prism
+from dvr_jax.geometry.distances import (
+    capsule_capsule,
+    capsule_plane,
+    capsule_prism,
+    point_prism,
+    prism_plane,
+    prism_prism,
+)
 
 PAIRS = 800
 RELATIVE, ABSOLUTE = 1e-6, 1e-9
@@ -94,6 +101,35 @@ def test_capsule_prism_with_the_axis_inside(kind: str) -> None:
     assert_equal(distances(partial(capsule_prism, guesses=20), capsules, prisms)[inside], reference)
     ours = distances(capsule_prism, capsules, prisms)[inside]
     np.testing.assert_allclose(ours, reference, atol=1e-3)
+
+
+CYLINDER, BOX = (0, 0, 0.03, 0.08), (0.02, 0.05, 0.20, 0)
+IN_LINE = [
+    # Along, into and through a cylinder's axis; on a box' plane of symmetry, along an edge's direction, beside a face.
+    ((0.0, 0.0, 0.3), (0.0, 0.0, 0.0), CYLINDER, -0.03),
+    ((0.2, 0.0, 0.05), (0.0, 0.0, -0.02), CYLINDER, None),
+    ((-0.1, 0.0, -0.01), (0.1, 0.0, 0.04), CYLINDER, None),
+    ((-0.1, 0.0, 0.0), (0.1, 0.0, 0.0), CYLINDER, -0.03),
+    ((0.0, 0.0, 0.3), (0.0, 0.0, 0.1), CYLINDER, 0.07),
+    ((0.1, -0.1, 0.0), (0.1, 0.1, 0.0), CYLINDER, 0.02),
+    ((-0.1, 0.01, 0.0), (0.1, 0.01, 0.0), BOX, -0.02),
+    ((0.0, 0.0, -0.3), (0.0, 0.0, 0.3), BOX, -0.02),
+    ((0.06, -0.1, 0.1), (0.06, 0.1, 0.1), BOX, 0.04),
+    ((0.02, 0.08, -0.1), (0.02, 0.08, 0.1), BOX, 0.03),
+]
+
+
+def test_axes_in_line_with_a_prism() -> None:
+    """What random pairs never are. All against the deepest of many points of the axis, some also by hand."""
+    a, b, half = (np.array(values, float).T for values in list(zip(*IN_LINE, strict=True))[:3])
+    same = np.eye(3)[:, :, None]
+    distance, wrench = jax.jit(capsule_prism)(a, b, 0.0, same, np.zeros((3, 1)), half)
+    points = a + np.linspace(0, 1, 10_001)[:, None, None] * (b - a)
+    deepest, _ = point_prism(np.moveaxis(points, 0, 1), half[:, None])
+    np.testing.assert_allclose(distance, np.asarray(deepest).min(axis=0), atol=3e-5)
+    for ours, (*_, by_hand) in zip(distance, IN_LINE, strict=True):
+        assert by_hand is None or ours == pytest.approx(by_hand, abs=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(wrench[3:], axis=0), 1)
 
 
 def test_depth_of_the_axis_is_a_lower_bound() -> None:

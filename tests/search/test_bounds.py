@@ -8,6 +8,7 @@ import pytest
 
 from dvr_jax.bench.recall import judge_prefix
 from dvr_jax.feasibility import passes_check
+from dvr_jax.komo.particles import PARTICLES
 from dvr_jax.logic import Action
 from dvr_jax.scene.footprint import Rectangle, inside
 from dvr_jax.scene.sampling import SceneDistribution, scene_of_seed
@@ -71,7 +72,7 @@ def test_what_a_particle_proves_lies_on_a_region_as_large_as_a_table(region: Reg
 
 
 def sampled(index: int) -> Scene:
-    """A scene of two boxes, as the first training data had it."""
+    """A scene of two boxes; none of them is a small cube, whatever the default."""
     return scene_of_seed(100, index, 2, SceneDistribution(cube_share=0.0))
 
 
@@ -81,26 +82,38 @@ def judged(scene: Scene, *actions: str) -> tuple[SequenceTree, Node]:
     return tree, run_alone(judge_prefix(tree, [Action.parse(action) for action in actions]))
 
 
+def leaf_of(tree: SequenceTree, *actions: str) -> Node:
+    """The node of a sequence, nothing of it judged."""
+    node = tree.root
+    for words in actions:
+        (node,) = [child for child in tree.expand(node) if child.actions[-1] == Action.parse(words)]
+    return node
+
+
 def test_a_second_look_finds_what_the_sequence_bound_missed() -> None:
     scene = sampled(949)
     actions = "grasp(right, -y, yellow)", "grasp(left, +y, yellow)", "place(left, yellow, goal)"
     with jax.enable_x64(True):
-        tree, node = judged(scene, *actions)
-        assert node.feasible is False and node.refuted_by == "sequence" and node.violation > 1
-        run_alone(tree.look_again([node]))
-        assert node.feasible and not node.refuted_by
+        _, refuted = judged(scene, *actions)
+        assert refuted.feasible is False and refuted.refuted_by == "sequence" and refuted.violation > 1
+        tree = SequenceTree(scene, k_max=len(actions))
         run = Run(tree, lambda leaf, path: passes_check(scene, leaf, path), lambda line: None)
-        assert run_alone(run.try_path(node)) is not None
+        leaf = leaf_of(tree, *actions)
+        assert run_alone(run.judge_lines([leaf])) == [leaf] and not leaf.refuted_by
+        assert run_alone(run.try_path(leaf)) is not None
 
 
 def test_a_second_look_leaves_what_is_infeasible_refuted() -> None:
-    # The goal's object is out of the left arm's reach wherever it is grasped.
-    far = SceneObject("a", "box", (0.05, 0.15, 0.1), (0.9, 0.6), 0.3)
+    # In reach, but the other box stands where it should be put.
+    there = SceneObject("b", "box", (0.1, 0.1, 0.1), (-0.2, -0.25), 0.0)
+    scene = Scene((BOX, there), Goal("a", Region((-0.2, -0.25), 0.0, (0.17, 0.17))))
     with jax.enable_x64(True):
-        tree, node = judged(Scene((far,), Goal("a", Region((0.0, 0.0), 0.0, (0.2, 0.2)))), "grasp(left, +x, a)")
-        before = node.refuted_by, tree.counts.feasible["sequence"]
+        tree, node = judged(scene, "grasp(left, +y, a)", "place(left, a, goal)")
+        assert node.parent is not None and node.parent.feasible and node.refuted_by == "sequence"
+        before, nlps = tree.counts.feasible["sequence"], tree.counts.nlps["sequence"]
         run_alone(tree.look_again([node]))
-    assert node.feasible is False and (node.refuted_by, tree.counts.feasible["sequence"]) == before
+    assert tree.counts.nlps["sequence"] == nlps + PARTICLES
+    assert node.feasible is False and (node.refuted_by, tree.counts.feasible["sequence"]) == ("sequence", before)
 
 
 def test_a_path_is_tried_from_further_keyframes_too() -> None:
