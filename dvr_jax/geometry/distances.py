@@ -16,7 +16,8 @@ which is all that a Jacobian needs: one wrench times the bodies' twist Jacobians
 
 from __future__ import annotations
 
-import jax
+from typing import NamedTuple
+
 import jax.numpy as jnp
 from jax import Array
 
@@ -102,15 +103,6 @@ def point_prism(p: Vector, half: Prism) -> tuple[Array, tuple[Array, Array, Arra
     return distance, (wh * ex * sx, wh * ey * sy, wv * sz)
 
 
-_Bracket = tuple[Array, Array, Array, Array]
-"""Both ends of an interval on which a function changes its sign, and the function there."""
-
-
-def _false_position(low: Array, high: Array, at_low: Array, at_high: Array) -> Array:
-    gap = at_high - at_low
-    return jnp.clip(low - at_low * (high - low) / jnp.where(gap > 0, gap, 1), low, high)
-
-
 def _kinks(b0: Vector, d: Vector, half: Prism) -> Array:
     """Positions (6, ...) along lines ``b0 + t d`` where the distance to a prism has a kink: on a box' six planes; on
     a cylinder's two planes and its side, and where the line is nearest to the cylinder's axis."""
@@ -145,6 +137,29 @@ def _slope(p: Vector, d: Vector, half: Prism) -> Array:
     return jnp.where(jnp.maximum(horizontal, vertical) > 0, outside, 1e-3 * inside)
 
 
+class _Bracket(NamedTuple):
+    """Both ends of a part of a line on which a prism's distance has its minimum, and `_slope` there."""
+
+    low: Array
+    high: Array
+    at_low: Array
+    at_high: Array
+
+    def cut(self, t: Array, value: Array) -> _Bracket:
+        """What is left of it when it is cut at ``t``; itself where that is not within."""
+        left, right = (value <= 0) & (t >= self.low), (value > 0) & (t <= self.high)
+        return _Bracket(
+            jnp.where(left, t, self.low),
+            jnp.where(right, t, self.high),
+            jnp.where(left, value, self.at_low),
+            jnp.where(right, value, self.at_high),
+        )
+
+
+SECTIONS = 8
+"""Equal parts of the bracket of which `capsule_prism` keeps one."""
+
+
 def capsule_prism(
     a0: Vector, a1: Vector, radius: Array | float, R: Rotation, p: Vector, half: Prism, guesses: int = 3
 ) -> tuple[Array, Six]:
@@ -152,63 +167,58 @@ def capsule_prism(
     ``r`` is 0, or ``hx`` and ``hy`` are.
 
     The distance of a point to a convex body is convex along the capsule's axis, so its minimum is bracketed by the
-    sign of the slope. The bracket is cut where the distance has kinks, halved three times, and cut at ``guesses`` by
-    false position: outside a box the slope of the squared distance is linear between kinks, and the nearest point is
-    exact. On a cylinder the distance is wrong by 1e-8 m in one of 1,000 cases, by 3e-6 m at most. Where the capsule's
-    *axis* enters the prism, the depth is that of the axis' deepest point; it is too small by 1 mm in one of 1,000
-    cases, by 5 mm at most."""
+    sign of the slope. The bracket is cut where the distance has kinks, then to one of its `SECTIONS`, then by
+    ``guesses`` of the rule of false position: outside a box the slope of the squared distance is linear between kinks,
+    and the nearest point is exact. On a cylinder the distance is wrong by 1e-8 m in one of 1,000 cases, by 2e-5 m at
+    most. Where the capsule's *axis* enters the prism, the depth is that of the axis' deepest point; it is too small by
+    1 mm in one of 1,000 cases, by 5 mm at most."""
     b0, d = materialize((rotate_back(R, a0 - p), rotate_back(R, a1 - a0)))
 
-    def cut(bracket: _Bracket, t: Array) -> tuple[_Bracket, Array]:
-        """What is left of a bracket, and the end that moved: -1 ``low``, 1 ``high``."""
-        low, high, at_low, at_high = bracket
-        t = materialize(t)
-        value = materialize(_slope(b0 + t * d, d, half))
-        left = value <= 0
-        return (
-            jnp.where(left, t, low), jnp.where(left, high, t),
-            jnp.where(left, value, at_low), jnp.where(left, at_high, value),
-        ), jnp.where(left, -1, 1)  # fmt: skip
-
-    def at_kink(i: int, bracket: _Bracket) -> _Bracket:
-        return cut(bracket, jnp.clip(kinks[i], bracket[0], bracket[1]))[0]
-
-    def in_half(_: int, bracket: _Bracket) -> _Bracket:
-        return cut(bracket, 0.5 * (bracket[0] + bracket[1]))[0]
-
-    def at_guess(_: int, state: tuple[_Bracket, Array]) -> tuple[_Bracket, Array]:
-        bracket, last = state
-        (low, high, at_low, at_high), moved = cut(bracket, _false_position(*bracket))
-        # Illinois rule: an end that stays twice holds false position up, so its value counts half.
-        again = moved == last
-        at_low = jnp.where(again & (moved > 0), 0.5 * at_low, at_low)
-        at_high = jnp.where(again & (moved < 0), 0.5 * at_high, at_high)
-        return (low, high, at_low, at_high), moved
+    def cut(bracket: _Bracket, positions: Array) -> _Bracket:
+        # All slopes in one kernel: in a loop over the positions it takes twice as long.
+        positions = materialize(positions)
+        values = materialize(_slope(b0[:, None] + positions * d[:, None], d[:, None], half[:, None]))
+        for t, value in zip(positions, values, strict=True):
+            bracket = bracket.cut(t, value)
+        return materialize(bracket)
 
     zero = jnp.zeros_like(d[0] + half[0])
     first, last = materialize((_slope(b0, d, half), _slope(b0 + d, d, half)))
-    kinks = materialize(_kinks(b0, d, half))
-    bracket = (zero, zero + 1, first, last)
-    bracket = jax.lax.fori_loop(0, len(kinks), at_kink, bracket)
-    bracket = jax.lax.fori_loop(0, 3, in_half, bracket)
-    bracket, _ = jax.lax.fori_loop(0, guesses, at_guess, (bracket, jnp.zeros(zero.shape, int)))
-    t = jnp.where(first >= 0, 0, jnp.where(last <= 0, 1, _meet(bracket, b0, d, half)))
-    t = materialize(t)
+    bracket = cut(_Bracket(zero, zero + 1, first, last), _kinks(b0, d, half))
+    parts = [i / SECTIONS for i in range(1, SECTIONS)]
+    bracket = cut(bracket, jnp.stack([bracket.low + part * (bracket.high - bracket.low) for part in parts]))
+    was_left = None
+    for _ in range(guesses):
+        gap = bracket.at_high - bracket.at_low
+        step = -bracket.at_low * (bracket.high - bracket.low) / jnp.where(gap > 0, gap, 1)
+        t = materialize(jnp.minimum(bracket.low + step, bracket.high))
+        value = materialize(_slope(b0 + t * d, d, half))
+        bracket, left = bracket.cut(t, value), value <= 0
+        if was_left is not None:
+            # Illinois rule: an end that stays twice holds false position up, so its value counts half.
+            bracket = bracket._replace(
+                at_low=jnp.where(~left & ~was_left, 0.5 * bracket.at_low, bracket.at_low),
+                at_high=jnp.where(left & was_left, 0.5 * bracket.at_high, bracket.at_high),
+            )
+        was_left, bracket = left, materialize(bracket)
+    nearest = _meet(bracket.low, bracket.high, b0, d, half)
+    t = materialize(jnp.where(first >= 0, 0, jnp.where(last <= 0, 1, nearest)))
     distance, gradient = materialize(point_prism(b0 + t * d, half))
     normal = rotate(R, gradient)  # type: ignore[arg-type]
     return distance - radius, _wrench(*materialize((a0 + t * (a1 - a0), normal)))
 
 
-def _meet(bracket: _Bracket, b0: Vector, d: Vector, half: Prism) -> Array:
-    """Where the nearest point is within a small bracket: by false position outside; inside, where depth has linear
-    pieces, where the tangents at both ends meet."""
-    low, high, *_ = bracket
+def _meet(low: Array, high: Array, b0: Vector, d: Vector, half: Prism) -> Array:
+    """Where the nearest point is between two near points: outside, the root of the squared distance's slope by false
+    position; inside, where depth has linear pieces, where the tangents at both ends meet."""
     (d0, g0), (d1, g1) = materialize((point_prism(b0 + low * d, half), point_prism(b0 + high * d, half)))
     s0, s1 = dot(g0, d), dot(g1, d)  # type: ignore[arg-type]
-    tangents = low + (d0 - d1 + s1 * (high - low)) / jnp.where(s1 > s0, s1 - s0, 1)
     # Not 0: the ends may be where the line meets the surface.
     inside = jnp.maximum(d0, d1) < 1e-9
-    return jnp.where(inside, jnp.clip(tangents, low, high), _false_position(*bracket))
+    a, b, width = -s0 * jnp.maximum(d0, 0), s1 * jnp.maximum(d1, 0), high - low
+    total = jnp.where(inside, s1 - s0, a + b)
+    step = jnp.where(inside, d0 - d1 + s1 * width, a * width) / jnp.where(total > 0, total, 1)
+    return low + jnp.clip(step, 0, width)
 
 
 def prism_support(R: Rotation, half: Prism, n: Vector) -> Vector:
