@@ -4,7 +4,9 @@ Everything is cast by rays (`dvr_jax.scene.picture`) and lettered with Pillow: n
 """
 
 import math
+import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import mujoco
@@ -78,10 +80,10 @@ def save_film(path: str | Path, scene: Scene, actions: Sequence[Action], motion:
     middle, room = GAP + title // 2 - 4, size[0] - 2 * GAP
     end = _write(draw, (GAP, middle), f"goal: {scene.goal.object} on the red spot", 25, room)
     _write(draw, (GAP + end + 24, middle), _tell_colours(scene), 18, room - end - 24, SOFT_INK)
-    for index, (qpos, text) in enumerate(zip(states, captions, strict=True)):
+    for index, (picture, text) in enumerate(zip(_render(model, states, width, height), captions, strict=True)):
         left = GAP + index % columns * (width + GAP)
         top = GAP + title + index // columns * (height + caption + GAP)
-        film.paste(Image.fromarray(_render(model, qpos, width, height)), (left, top))
+        film.paste(picture, (left, top))
         draw.rectangle((left, top + height, left + width - 1, top + height + caption - 1), fill=BAND)
         _write(draw, (left + 10, top + height + caption // 2), text, 18, width - 20)
     film.save(path, "PNG", optimize=True)
@@ -104,7 +106,7 @@ def save_animation(
     count = min(MOST_FRAMES, max(2, math.ceil(duration * frames_per_second) + 1))
     samples = np.linspace(0, len(motion.time) - 1, count).round().astype(int)
     model = build_model(scene)
-    pictures = [Image.fromarray(_render(model, motion.qpos[sample], width, height)) for sample in samples]
+    pictures = _render(model, motion.qpos[samples], width, height)
     # One palette for all frames, from a few of them: what does not move keeps its colour and costs nothing.
     chosen = [pictures[index] for index in np.linspace(0, count - 1, min(count, 5)).round().astype(int)]
     sheet = Image.new("RGB", (width, height * len(chosen)))
@@ -155,12 +157,18 @@ def save_depth_picture(path: str | Path, scene: Scene) -> None:
     picture.save(path, "PNG", optimize=True)
 
 
-def _render(model: mujoco.MjModel, qpos: NDArray[np.float64], width: int, height: int) -> NDArray[np.uint8]:
-    """The state as a picture (H, W, 3)."""
-    data = mujoco.MjData(model)
-    data.qpos[:] = qpos
-    mujoco.mj_kinematics(model, data)
-    return render_picture(model, data, width, height)
+def _render(model: mujoco.MjModel, states: NDArray[np.float64], width: int, height: int) -> list[Image.Image]:
+    """The states (n, nq) as pictures."""
+
+    def render(qpos: NDArray[np.float64]) -> Image.Image:
+        data = mujoco.MjData(model)
+        data.qpos[:] = qpos
+        mujoco.mj_kinematics(model, data)
+        return Image.fromarray(render_picture(model, data, width, height))
+
+    # MuJoCo casts rays without holding Python's lock.
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return list(pool.map(render, states))
 
 
 def _columns(panels: int) -> int:
