@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvr_jax.check import CheckReport, Finding, FindingLog, describe
-from dvr_jax.check.contacts import Carried, find_contacts
+from dvr_jax.check.contacts import find_contacts
 from dvr_jax.check.motion import Motion, validate_motion
 from dvr_jax.check.story import Span, next_span, tell_story
 from dvr_jax.errors import DvrError
@@ -77,7 +77,7 @@ def check_motion(scene: Scene, actions: Sequence[Action], motion: Motion) -> Che
     last = len(motion.time) - 1
     story = tell_story(scene, actions, last + 1, motion.switch)
     log = FindingLog(motion.time)
-    replay, deepest = _replay(scene, motion, story, log)
+    replay, deepest = _replay(scene, motion, log)
     _check_joints(motion, home_qpos(scene), log)
     _check_switches(motion, story, log)
     _check_objects(scene, motion, story, replay, log)
@@ -126,7 +126,7 @@ def _validate_fit(scene: Scene, actions: Sequence[Action], motion: Motion) -> No
         )
 
 
-def _replay(scene: Scene, motion: Motion, story: tuple[Span, ...], log: FindingLog) -> tuple[_Replay, float]:
+def _replay(scene: Scene, motion: Motion, log: FindingLog) -> tuple[_Replay, float]:
     """All poses, and the deepest penetration (m) of anything."""
     model = copy.copy(build_model(scene))
     data = mujoco.MjData(model)
@@ -142,12 +142,7 @@ def _replay(scene: Scene, motion: Motion, story: tuple[Span, ...], log: FindingL
         for kept, values in zip(poses, state, strict=True):
             kept[sample] = values
     position, rotation, site_position, site_rotation, geom_position, geom_rotation = poses
-    carried = [
-        Carried(bodies[span.object], model.body(f"{ARM_NAMES[span.arm]}/hand").id, span.start, span.end)
-        for span in story
-        if span.arm >= 0
-    ]
-    contacts = find_contacts(model, motion, geom_position, geom_rotation, carried)
+    contacts = find_contacts(model, motion, geom_position, geom_rotation.reshape(T, -1, 3, 3))
 
     labels = {body: model.body(body).name for body in range(model.nbody)}
     labels.update({body: _label(scene, index) for index, body in enumerate(bodies)})
