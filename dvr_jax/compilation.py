@@ -11,6 +11,7 @@ from collections import defaultdict
 from collections.abc import Callable
 from functools import lru_cache
 from importlib.metadata import version
+from operator import attrgetter
 from pathlib import Path
 from threading import Lock
 from typing import Any, Generic, ParamSpec, TypeVar
@@ -40,6 +41,8 @@ KEPT = 8
 
 DEPENDENCIES = ("jax", "jaxlib", "flax", "mujoco", "numpy")
 """Packages whose versions an executable depends on."""
+
+_SHAPE_AND_TYPE = attrgetter("shape", "dtype")
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -73,9 +76,9 @@ class Program(Generic[_P, _R]):
         """Run it, compiled or loaded before if need be; there are no keyword arguments."""
         assert not kwargs
         leaves, tree = jax.tree.flatten(args)
-        if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
+        if any(issubclass(kind, jax.core.Tracer) for kind in set(map(type, leaves))):
             return self._function(*args)  # type: ignore[call-arg]
-        key = (tree, *((leaf.shape, leaf.dtype) for leaf in leaves))
+        key = (tree, *map(_SHAPE_AND_TYPE, leaves))
         compiled = self._compiled.get(key)
         if compiled is None:
             # Another thread may be compiling the same.

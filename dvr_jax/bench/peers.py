@@ -42,12 +42,13 @@ from dvr_jax.bench.rai import (
 )
 from dvr_jax.bench.recall import find_sequences, judge_prefix, random_extension
 from dvr_jax.check.replay import check_motion
+from dvr_jax.compilation import Program
 from dvr_jax.errors import DvrError
 from dvr_jax.komo.augmented import Settings
 from dvr_jax.komo.engine import STEPS_PER_PHASE, Solved, path_problem, stack
 from dvr_jax.komo.interpolation import interpolate
 from dvr_jax.komo.problem import Problem, Variables
-from dvr_jax.komo.solver import CHUNK, Geometry, judge, lay_out_chunks, measure_chunk, start
+from dvr_jax.komo.solver import CHUNK, judge, lay_out_chunks, measure_chunk, start
 from dvr_jax.komo.transcription import transcribe
 from dvr_jax.komo.verdict import PENETRATION_TOLERANCE
 from dvr_jax.logic import Action, Grounding
@@ -113,6 +114,9 @@ def time_call(call: Callable[[], _T]) -> tuple[_T, float, float]:
     return result, time.process_time() - cpu, time.perf_counter() - wall
 
 
+_judge = Program(judge)
+
+
 def judge_point(problem: Problem, x: Variables) -> dict[str, float]:
     """Our violations at a point [m or rad], "ratio" (the largest one as a multiple of its tolerance) and, of a path,
     "ratio at slices": the same without what is between the slices."""
@@ -124,14 +128,11 @@ def judge_point(problem: Problem, x: Variables) -> dict[str, float]:
     settings = jax.tree.map(np.asarray, Settings())
     batch: Problem = stack([problem] * lanes)
     states = start(batch, stack([x] * lanes), settings)
-    geometry = []
-    for chunk in lay_out_chunks(batch, states.x):
-        measured = measure_chunk(chunk)
-        geometry.append(Geometry(measured.distance, measured.hand_R, measured.hand_p, measured.screws))
-    seen, _ = judge(batch, settings, states, tuple(geometry))
+    chunks = tuple(measure_chunk(chunk) for chunk in lay_out_chunks(batch, states.x))
+    seen, _ = _judge(batch, settings, states, chunks)
     values = {name: float(value[0]) for name, value in seen.violations._asdict().items()}
     M = problem.share.shape[1]
-    distances = np.concatenate([np.asarray(piece.distance) for piece in geometry])[: T * M]
+    distances = np.concatenate([np.asarray(chunk.distance) for chunk in chunks])[: T * M]
     at_slices = max(0.0, -float(distances[M - 1 :: M].min()))
     without = seen.violations._replace(penetration=jnp.zeros(lanes))
     ratio_at_slices = max(float(without.ratio()[0]), at_slices / PENETRATION_TOLERANCE)

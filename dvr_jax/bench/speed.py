@@ -14,10 +14,11 @@ import numpy as np
 import tyro
 
 from dvr_jax.bench.recall import PROBLEMS, judge_prefix, random_keyframes, read_problems
+from dvr_jax.compilation import Program
 from dvr_jax.komo.augmented import Settings
 from dvr_jax.komo.engine import extend_prefixes, extension_lanes, keyframe_start, path_problem, path_start, solve, stack
-from dvr_jax.komo.slices import ACTIVE
-from dvr_jax.komo.solver import CHUNK, Geometry, judge, lay_out_chunks, measure_chunk, reduce_chunk, start
+from dvr_jax.komo.slices import ACTIVE, reduce_slices
+from dvr_jax.komo.solver import CHUNK, judge, lay_out_chunks, measure_chunk, start
 from dvr_jax.komo.transcription import transcribe
 from dvr_jax.logic import Action
 from dvr_jax.scene.sampling import sample_scenes
@@ -61,8 +62,8 @@ def time_slices(number_of_objects: int, repeats: int) -> None:
     lanes = start(batch, stack([random_keyframes(problem, generator) for _ in range(CHUNK // 2)]), settings)
     (chunk,) = lay_out_chunks(batch, lanes.x)
     measured = measure_chunk(chunk)
-    geometry = Geometry(measured.distance, measured.hand_R, measured.hand_p, measured.screws)
-    _, (push,) = judge(batch, settings, lanes, (geometry,))
+    _, (push,) = Program(judge)(batch, settings, lanes, (measured,))
+    reduce_chunk = Program(reduce_slices)
     rows = measured.distance.shape[1]
     parts = [
         median_seconds(lambda: measure_chunk(chunk), repeats),

@@ -10,8 +10,9 @@ before it through a
         [          B2_3     ...      A_{T-1}         ]
         [ E_0^T    E_1^T    ...                   C  ]
 
-A block Cholesky factorisation runs along time under `lax.scan`; the border is eliminated by its Schur complement.
-Keyframes have no coupling in time: their slices are factorised side by side.
+Two slices make a block of 2 D, so that each block is coupled with its neighbours only, by full matrices. A block
+Cholesky factorisation runs along time under `lax.scan`; the border is eliminated by its Schur complement. Keyframes
+have no coupling in time: their slices are factorised side by side.
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ def _inverse_factor(A: Array) -> Array:
 def solve_bordered(system: BorderedSystem, damping: Array) -> tuple[Array, Array]:
     """Newton step ``(dq (T, D), dm (M,))`` with ``damping`` added to the whole diagonal; NaN where the matrix is
     indefinite."""
-    _T, D = system.gradient_q.shape
+    T, D = system.gradient_q.shape
     A = system.diagonal + damping * jnp.eye(D, dtype=system.diagonal.dtype)
     right = jnp.concatenate([system.border, -system.gradient_q[..., None]], axis=-1)
     if system.coupling is None or system.far_coupling is None:
@@ -65,36 +66,51 @@ def solve_bordered(system: BorderedSystem, damping: Array) -> tuple[Array, Array
         dq = jnp.einsum("tij,ti->tj", inverse, reduced[..., -1] - reduced[..., :-1] @ dm)
         return dq, dm
 
-    zero = jnp.zeros((D, D), A.dtype)
-    no_rows = jnp.zeros_like(right[0])
+    own, ahead = _pair_blocks(A, system.coupling, system.far_coupling)
+    right = _in_pairs(right)
+    W = own.shape[-1]
 
-    def forward(carry: tuple[Array, ...], block: tuple[Array, ...]) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
-        # Row t of the factor: L2 = L[t, t-2], L1 = L[t, t-1]; `inverse` of L[t, t].
-        inverse_1, inverse_2, L1_before, rows_1, rows_2 = carry
-        A_t, B1, B2, right_t = block
-        L2 = B2[:, None] * inverse_2.T
-        L1 = (B1 - L2 @ L1_before.T) @ inverse_1.T
-        L21 = jnp.concatenate([L2, L1], axis=1)
-        inverse = _inverse_factor(A_t - L21 @ L21.T)
-        rows = inverse @ (right_t - L21 @ jnp.concatenate([rows_2, rows_1], axis=0))
-        return (inverse, inverse_1, L1, rows, rows_1), (inverse, L21, rows)
+    def forward(solved: Array, block: tuple[Array, ...]) -> tuple[Array, tuple[Array, Array]]:
+        # With the factor L of a block, `solved` is L^-1 [coupling with the next block, right-hand sides].
+        own, ahead, right = block
+        before = solved[:, :W].T @ solved
+        L = jnp.linalg.cholesky(own - before[:, :W], symmetrize_input=False)
+        sides = jnp.concatenate([ahead, right - before[:, W:]], axis=1)
+        solved = triangular_solve(L, sides, left_side=True, lower=True)
+        return solved, (L, solved)
 
-    start = (zero, zero, zero, no_rows, no_rows)
-    _, (inverse, L21, reduced) = jax.lax.scan(forward, start, (A, system.coupling, system.far_coupling, right))
+    start = jnp.zeros((W, W + right.shape[-1]), A.dtype)
+    _, (L, solved) = jax.lax.scan(forward, start, (own, ahead, right))
+    reduced = solved[..., W:]
     dm = _solve_corner(system, reduced, damping)
     y = reduced[..., -1] - reduced[..., :-1] @ dm
 
-    def backward(carry: tuple[Array, Array], block: tuple[Array, ...]) -> tuple[tuple[Array, Array], Array]:
-        # `to_1` collects what later slices subtract from slice t, `to_2` from slice t - 1.
-        to_1, to_2 = carry
-        inverse_t, L21_t, y_t = block
-        x_t = inverse_t.T @ (y_t - to_1)
-        passed = L21_t.T @ x_t
-        return (to_2 + passed[D:], passed[:D]), x_t
+    def backward(after: Array, block: tuple[Array, ...]) -> tuple[Array, Array]:
+        L, ahead, y = block
+        x = triangular_solve(L, (y - ahead @ after)[:, None], left_side=True, lower=True, transpose_a=True)[:, 0]
+        return x, x
 
-    nothing = jnp.zeros((D,), A.dtype)
-    _, dq = jax.lax.scan(backward, (nothing, nothing), (inverse, L21, y), reverse=True)
-    return dq, dm
+    _, dq = jax.lax.scan(backward, jnp.zeros(W, A.dtype), (L, solved[..., :W], y), reverse=True)
+    return dq.reshape(-1, D)[:T], dm
+
+
+def _in_pairs(value: Array) -> Array:
+    """(T, D, ...) as (T / 2, 2 D, ...), with zeros after an odd last one."""
+    padded = jnp.pad(value, [(0, len(value) % 2), *[(0, 0)] * (value.ndim - 1)])
+    return padded.reshape(-1, 2 * value.shape[1], *value.shape[2:])
+
+
+def _pair_blocks(A: Array, B1: Array, B2: Array) -> tuple[Array, Array]:
+    """Blocks (T / 2, 2 D, 2 D) of pairs of slices, and of each pair's coupling with the next one."""
+    T, D = B2.shape
+    identity = jnp.eye(D, dtype=A.dtype)
+    if T % 2:
+        A = jnp.concatenate([A, identity[None]])
+    B1, B2 = (jnp.pad(value, [(0, -T % 2 + 2), *[(0, 0)] * (value.ndim - 1)]) for value in (B1, B2))
+    inner, outer = B1[1:-2:2], B1[2::2].swapaxes(1, 2)
+    far = (B2[2:, :, None] * identity).reshape(-1, 2, D, D)
+    own = jnp.block([[A[::2], inner.swapaxes(1, 2)], [inner, A[1::2]]])
+    return own, jnp.block([[far[:, 0], jnp.zeros_like(outer)], [outer, far[:, 1]]])
 
 
 def _solve_corner(system: BorderedSystem, reduced: Array, damping: Array) -> Array:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
 from dvr_jax.komo.problem import Problem, Variables
-from dvr_jax.komo.solver import lay_out_chunks, nearest_in_chunk
+from dvr_jax.komo.solver import lay_out_chunks, measure_chunk
 
 Floats = NDArray[np.float64]
 
@@ -79,7 +79,7 @@ def look_between(problems: Problem, x: Variables) -> Looks:
         """At as many times as the NLP has samples, so that the solver's compiled programs serve."""
         offset = np.stack([_deviation(*lane) for lane in zip(home, q, curves, share, strict=True)])
         chunks = lay_out_chunks(problems._replace(share=share, offset=offset), x)
-        distance = np.concatenate([np.asarray(nearest_in_chunk(chunk)) for chunk in chunks])
+        distance = np.concatenate([np.asarray(measure_chunk(chunk).distance).min(axis=1) for chunk in chunks])
         return Looks(share, -distance[: B * T * M].reshape(B, T, M))
 
     looks = [see(np.tile(part, (B, T, 1))) for part in even.reshape(-1, M)]

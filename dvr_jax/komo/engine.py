@@ -31,6 +31,7 @@ from dvr_jax.komo.solver import CHUNK, iterate, lay_out_chunks, start
 from dvr_jax.komo.verdict import Violations
 from dvr_jax.robot.inverse_kinematics import shift_gripper
 from dvr_jax.scene.workspace import BASE_POSITIONS
+from dvr_jax.threads import linear_algebra_on_one_thread
 
 EXTENSION_LANES = 8
 """Prefixes whose particles are extended side by side, where there are many."""
@@ -138,6 +139,7 @@ def extend_prefixes(
     return children  # type: ignore[return-value]
 
 
+@linear_algebra_on_one_thread()
 def solve(problems: Sequence[Problem], starts: Sequence[Variables], settings: Settings) -> list[Solved]:
     """Solve NLPs of one shape from one start each.
 

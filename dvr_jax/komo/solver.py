@@ -1,12 +1,12 @@
 """The augmented-Lagrangian method on many NLPs of the same shape at once, one lane each.
 
 Every lane carries a status; nothing is raised under jit, and a lane that has ended no longer changes. An iteration is
-four compiled programs: `measure_chunk` and `reduce_chunk` do the geometry, whose compilation is dear, for `CHUNK`
-slices of any problem with the same number of objects; `judge` and `advance` are small and compiled for each
-horizon."""
+two compiled programs: `measure_chunk` does the geometry, whose compilation is dear, for chunks of few sizes, of slices
+of any problem with the same number of objects; `step` does the rest and is compiled for each horizon."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
@@ -15,7 +15,7 @@ import numpy as np
 from jax import Array
 
 from dvr_jax.compilation import Program
-from dvr_jax.geometry.vectors import Rotation, Vector, materialize
+from dvr_jax.geometry.vectors import materialize
 from dvr_jax.komo import augmented
 from dvr_jax.komo.augmented import DURING, RUNNING, Judged, Lane, Settings, trial_point
 from dvr_jax.komo.banded import BorderedSystem, solve_bordered
@@ -23,11 +23,14 @@ from dvr_jax.komo.constraints import Slopes, collect, lay_out
 from dvr_jax.komo.contacts import number_of_rows
 from dvr_jax.komo.lagrangian import EQUALITIES, WEIGHTS, Residuals, cost, gauss_newton_system, residuals, scales
 from dvr_jax.komo.problem import PARAMETERS, Problem, Variables
-from dvr_jax.komo.slices import Measured, Reduced, Slices, measure, nearest, reduce_slices
+from dvr_jax.komo.slices import Measured, Reduced, Slices, measure, reduce_path_slices, reduce_slices
 from dvr_jax.komo.verdict import Violations, measure_violations
 
 CHUNK = 60
-"""Slices that one call measures: keyframes of 1 to 6 actions and paths of 2, 4 and 6 fill it without a rest."""
+"""Slices that one call measures, or a small multiple of it: keyframes of 1 to 6 actions and paths of 2, 4 and 6 fill
+it without a rest."""
+LARGEST_CHUNK = 180
+"""A path of six actions: in one call a slice takes two thirds of the time that it takes in three."""
 
 
 class Seen(NamedTuple):
@@ -36,15 +39,6 @@ class Seen(NamedTuple):
     judged: Judged
     slopes: Slopes
     violations: Violations
-
-
-class Geometry(NamedTuple):
-    """What `judge` needs of a chunk of measured slices."""
-
-    distance: Array
-    hand_R: Rotation
-    hand_p: Vector
-    screws: Array
 
 
 def start(problems: Problem, x: Variables, settings: Settings) -> Lane:
@@ -84,22 +78,26 @@ def start(problems: Problem, x: Variables, settings: Settings) -> Lane:
     )  # fmt: skip
 
 
+def _chunk_size(L: int) -> int:
+    """Size of the chunks that L slices are cut into: a multiple of `CHUNK`, so that few are compiled."""
+    pieces = -(-L // LARGEST_CHUNK)
+    return CHUNK * -(-L // (pieces * CHUNK))
+
+
 def _chunks(slices: Slices) -> tuple[Slices, ...]:
-    """Slices in pieces of `CHUNK`, the last one filled up with copies."""
+    """Slices in pieces of one size, the last one filled up with copies."""
     L = slices.q.shape[-1]
-    pieces = -(-L // CHUNK)
-    fill = [(0, pieces * CHUNK - L)]
+    size = _chunk_size(L)
+    fill = [(0, -L % size)]
     padded = jax.tree.map(lambda v: jnp.pad(v, [(0, 0)] * (v.ndim - 1) + fill, mode="edge"), slices)
-    return tuple(jax.tree.map(lambda v, i=i: v[..., i * CHUNK : (i + 1) * CHUNK], padded) for i in range(pieces))
+    return tuple(jax.tree.map(lambda v, i=i: v[..., i : i + size], padded) for i in range(0, L, size))
 
 
-def _joined(chunks: tuple[Array, ...], L: int, axis: int) -> Array:
+def _joined(chunks: Sequence[Array], L: int, axis: int) -> Array:
     return jax.lax.slice_in_dim(jnp.concatenate(chunks, axis=axis), 0, L, axis=axis)
 
 
 measure_chunk = Program(measure)
-nearest_in_chunk = Program(nearest)
-reduce_chunk = Program(reduce_slices)
 
 
 def _lay_out_chunks(problems: Problem, x: Variables) -> tuple[Slices, ...]:
@@ -110,15 +108,15 @@ def _lay_out_chunks(problems: Problem, x: Variables) -> tuple[Slices, ...]:
 lay_out_chunks = Program(_lay_out_chunks)
 
 
-@Program
 def judge(
-    problems: Problem, settings: Settings, lanes: Lane, chunks: tuple[Geometry, ...]
+    problems: Problem, settings: Settings, lanes: Lane, chunks: tuple[Measured, ...]
 ) -> tuple[Seen, tuple[tuple[Array, Array], ...]]:
-    """Verdicts on all lanes' trial points, and forces and curvatures (CHUNK, P) of the distances of each chunk."""
+    """Verdicts on all lanes' trial points, and forces and curvatures (L, P) of the distances of each chunk."""
     trial = trial_point(lanes)
     B, T = lanes.multipliers[0].shape[:2]
-    distance, hand_R, hand_p, screws = (
-        _joined(leaves, B * T, axis) for leaves, axis in zip(zip(*chunks, strict=True), (0, -1, -1, -1), strict=True)
+    distance = _joined([chunk.distance for chunk in chunks], B * T, 0)
+    hand_R, hand_p, screws = (
+        _joined([getattr(chunk, name) for chunk in chunks], B * T, -1) for name in ("hand_R", "hand_p", "screws")
     )
     rows, slopes = materialize(collect(problems, trial, distance, hand_R, hand_p, screws))
     violations = jax.vmap(measure_violations)(problems, trial, rows)
@@ -132,12 +130,11 @@ def judge(
     judged = jax.vmap(judge_lane)(lanes, costs, c, violations.ratio())
     pieces = []
     for value in (judged.force[0], judged.curvature[0]):
-        padded = jnp.pad(value.reshape(B * T, -1), [(0, len(chunks) * CHUNK - B * T), (0, 0)])
+        padded = jnp.pad(value.reshape(B * T, -1), [(0, -(B * T) % _chunk_size(B * T)), (0, 0)])
         pieces.append(jnp.split(padded, len(chunks)))
     return Seen(judged, slopes, violations), tuple(zip(*pieces, strict=True))
 
 
-@Program
 def advance(
     problems: Problem, settings: Settings, lanes: Lane, seen: Seen, chunks: tuple[Reduced, ...]
 ) -> tuple[Lane, tuple[Slices, ...]]:
@@ -169,6 +166,18 @@ def _solve(system: BorderedSystem, damping: Array) -> Variables:
     return Variables(dq, dm.reshape(-1, PARAMETERS))
 
 
+@Program
+def step(
+    problems: Problem, settings: Settings, lanes: Lane, chunks: tuple[Measured, ...]
+) -> tuple[Lane, tuple[Slices, ...]]:
+    """What follows the measuring of all chunks: the rest of an iteration in one program."""
+    seen, pushes = materialize(judge(problems, settings, lanes, chunks))
+    is_path = lanes.x.q.shape[1] > lanes.x.m.shape[1]
+    reduce = reduce_path_slices if is_path else reduce_slices
+    reduced = materialize(tuple(reduce(chunk, *push) for chunk, push in zip(chunks, pushes, strict=True)))
+    return advance(problems, settings, lanes, seen, reduced)
+
+
 def iterate(
     problems: Problem, settings: Settings, lanes: Lane, chunks: tuple[Slices, ...]
 ) -> tuple[Lane, tuple[Slices, ...]]:
@@ -177,8 +186,4 @@ def iterate(
     Args:
         chunks: slices of the trial points (`lay_out_chunks`).
     """
-    measured: list[Measured] = [measure_chunk(chunk) for chunk in chunks]
-    geometry = tuple(Geometry(m.distance, m.hand_R, m.hand_p, m.screws) for m in measured)
-    seen, pushes = judge(problems, settings, lanes, geometry)
-    reduced = tuple(reduce_chunk(m, *push) for m, push in zip(measured, pushes, strict=True))
-    return advance(problems, settings, lanes, seen, reduced)
+    return step(problems, settings, lanes, tuple(measure_chunk(chunk) for chunk in chunks))

@@ -1,11 +1,15 @@
 """Batched solves: a problem's result does not depend on what else is in the batch, nor on when its lane was filled."""
 
+from typing import Any
+
 import jax
 import numpy as np
 import pytest
 from komo_cases import SCENE, SKELETONS
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from dvr_jax.bench.recall import random_keyframes
+from dvr_jax.komo import engine, solver
 from dvr_jax.komo.augmented import FEASIBLE, ITERATION_LIMIT, STAGNATED, Settings
 from dvr_jax.komo.engine import EXTENSION_LANES, FEW, extend_prefixes, extension_lanes, solve
 from dvr_jax.komo.particles import PARTICLES, Particles, empty_prefix
@@ -30,6 +34,20 @@ def test_solutions_do_not_depend_on_the_batch() -> None:
         assert alone.iterations == together[index].iterations
         np.testing.assert_array_equal(alone.q, together[index].q)
         np.testing.assert_array_equal(alone.m, together[index].m)
+
+
+def test_linear_algebra_keeps_to_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    threads: list[int] = []
+
+    def iterate(*args: Any) -> Any:
+        threads.extend(library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas")
+        return solver.iterate(*args)
+
+    monkeypatch.setattr(engine, "iterate", iterate)
+    problem = transcribe(SCENE, SKELETONS[0][:1])
+    with threadpool_limits(limits=2, user_api="blas"):
+        solve([problem], [random_keyframes(problem, np.random.default_rng(0))], Settings(iteration_limit=2))
+    assert threads and set(threads) == {1}
 
 
 def test_feasible_means_within_the_tolerances() -> None:

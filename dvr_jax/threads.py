@@ -1,0 +1,42 @@
+"""Linear algebra on one thread."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import lru_cache
+from threading import Lock
+from typing import Any
+
+import scipy.linalg.cython_lapack  # noqa: F401  what XLA's LAPACK calls go to on a CPU: loaded, so that it is found
+from threadpoolctl import ThreadpoolController
+
+_lock = Lock()
+_users = 0
+_limit: Any = None
+
+
+@lru_cache(maxsize=1)
+def _controller() -> ThreadpoolController:
+    return ThreadpoolController()
+
+
+@contextmanager
+def linear_algebra_on_one_thread() -> Iterator[None]:
+    """Inside, BLAS and LAPACK keep to the thread that calls them, in the whole process.
+
+    A library that shares the factorisation of 28 x 28 matrices among threads takes twice as long for it, and rounds by
+    how many cores there are: the solver's result would depend on the machine. Blocks may overlap, also in several
+    threads; the last one to end restores what was."""
+    global _users, _limit
+    with _lock:
+        if _users == 0:
+            _limit = _controller().limit(limits=1, user_api="blas")
+        _users += 1
+    try:
+        yield
+    finally:
+        with _lock:
+            _users -= 1
+            if _users == 0:
+                _limit.restore_original_limits()
