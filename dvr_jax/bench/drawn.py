@@ -61,6 +61,7 @@ def drawn_penetrations(scene: Scene, motion: Motion) -> dict[tuple[str, str], fl
         if geom.group in (LOOKS_GROUP, COLLISION_GROUP):
             geom.contype = geom.conaffinity = int(geom.group == LOOKS_GROUP)
     model = spec.compile()
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_MULTICCD  # else depths can be told too small
     data = mujoco.MjData(model)
     depths: dict[tuple[str, str], float] = {}
     for qpos in motion.qpos:

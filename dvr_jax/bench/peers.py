@@ -123,7 +123,7 @@ def judge_point(problem: Problem, x: Variables) -> dict[str, float]:
     T, K = len(x.q), len(x.m)
     if T > K:
         problem = path_problem(problem, x)
-    # As many lanes as the solver has: its compiled programs serve.
+    # As many lanes as the solver has: its compiled program serves for the distances.
     lanes = CHUNK // K if T == K else 1
     settings = jax.tree.map(np.asarray, Settings())
     batch: Problem = stack([problem] * lanes)

@@ -3,9 +3,9 @@
 The actions are walked once to know who holds what from which switch to which (`Span`); all else is read from MuJoCo's
 own kinematics and collisions. Neither the optimiser's kinematics nor its distances are used. Metres, radians, seconds.
 An object is *held* from its grasp's switch to the sample before its release, and *stands* in all others. Whatever
-touches, a gripper and what it holds included, may do so only to `DEEPEST_CONTACT`; where a motion passes by something
-closer than it goes in a step, the states between two samples are looked at too. There are no dynamics: no forces, no
-friction; a grasp carries because its fingers are closed.
+touches, a gripper and what it holds included, may do so only to `DEEPEST_CONTACT`; where two things might meet between
+two samples, states in between are looked at too. There are no dynamics: no forces, no friction; a grasp carries because
+its fingers are closed.
 """
 
 import copy
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvr_jax.check import CheckReport, Finding, FindingLog, describe
-from dvr_jax.check.contacts import find_contacts
+from dvr_jax.check.contacts import dense_states, find_contacts
 from dvr_jax.check.motion import Motion, validate_motion
 from dvr_jax.check.story import Span, next_span, tell_story
 from dvr_jax.errors import DvrError
@@ -132,24 +132,27 @@ def _replay(scene: Scene, motion: Motion, log: FindingLog) -> tuple[_Replay, flo
     data = mujoco.MjData(model)
     bodies = [model.body(object_body_name(item.name)).id for item in scene.objects]
     sites = [model.site(f"{arm}/gripper").id for arm in ARM_NAMES]
-    T = len(motion.qpos)
-    # The arrays stay where they are from one sample to the next; only contacts move.
-    state = (data.xpos, data.xmat, data.site_xpos, data.site_xmat, data.geom_xpos, data.geom_xmat)
-    poses = [np.empty((T, *values.shape)) for values in state]
-    for sample, qpos in enumerate(motion.qpos):
+    states, sample = dense_states(motion)
+    # The arrays stay where they are from one state to the next; only contacts move.
+    arrays = (data.xpos, data.xmat, data.site_xpos, data.site_xmat, data.geom_xpos, data.geom_xmat)
+    poses = [np.empty((len(states), *values.shape)) for values in arrays]
+    for index, qpos in enumerate(states):
         data.qpos[:] = qpos
         mujoco.mj_kinematics(model, data)
-        for kept, values in zip(poses, state, strict=True):
-            kept[sample] = values
-    position, rotation, site_position, site_rotation, geom_position, geom_rotation = poses
-    contacts = find_contacts(model, motion, geom_position, geom_rotation.reshape(T, -1, 3, 3))
+        for kept, values in zip(poses, arrays, strict=True):
+            kept[index] = values
+    contacts = find_contacts(model, states, poses[4], poses[5].reshape(*poses[5].shape[:2], 3, 3))
 
     labels = {body: model.body(body).name for body in range(model.nbody)}
     labels.update({body: _label(scene, index) for index, body in enumerate(bodies)})
     for contact in np.flatnonzero(contacts.distance < -DEEPEST_CONTACT):
         names = tuple(sorted(labels[body] for body in model.geom_bodyid[contacts.geoms[contact]].tolist()))
         depth = -float(contacts.distance[contact])
-        log.add("penetration", int(contacts.sample[contact]), names, depth, DEEPEST_CONTACT)
+        log.add("penetration", int(sample[contacts.state[contact]]), names, depth, DEEPEST_CONTACT)
+    T = len(motion.qpos)
+    # Of the states that lead to a sample, the last one is the sample.
+    is_sample = np.append(np.diff(sample) > 0, True)
+    position, rotation, site_position, site_rotation = (values[is_sample] for values in poses[:4])
     return _Replay(
         position[:, bodies],
         rotation[:, bodies].reshape(T, -1, 3, 3),

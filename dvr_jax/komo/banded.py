@@ -114,7 +114,7 @@ def _pair_blocks(A: Array, B1: Array, B2: Array) -> tuple[Array, Array]:
 
 
 def _solve_corner(system: BorderedSystem, reduced: Array, damping: Array) -> Array:
-    """Border step (M,) from the forward-reduced right-hand sides ``(T, D, M + 1)``."""
+    """Border step (M,) from the forward-reduced right-hand sides, rows of M + 1."""
     M = system.gradient_m.shape[0]
     flat = reduced.reshape(-1, M + 1)
     product = flat.T @ flat

@@ -27,7 +27,7 @@ from dvr_jax.komo.between import (
 from dvr_jax.komo.particles import RANDOM_SHAPE, SHARES, Particles, case_of, extend
 from dvr_jax.komo.problem import HELD_LEFT, Problem, Variables
 from dvr_jax.komo.proposals import Extension
-from dvr_jax.komo.solver import CHUNK, iterate, lay_out_chunks, start
+from dvr_jax.komo.solver import CHUNK, iterate, lay_out_chunks, start, to_device
 from dvr_jax.komo.verdict import Violations
 from dvr_jax.robot.inverse_kinematics import shift_gripper
 from dvr_jax.scene.workspace import BASE_POSITIONS
@@ -158,7 +158,7 @@ def solve(problems: Sequence[Problem], starts: Sequence[Variables], settings: Se
     batch: Problem = stack([problems[i or 0] for i in owner])
     states = start(batch, stack([starts[i or 0] for i in owner]), settings)
     states.status[:] = [FEASIBLE if i is None else RUNNING for i in owner]
-    batch_on_device, settings = jax.device_put((batch, settings))
+    batch_on_device, settings = to_device((batch, settings))
     chunks = lay_out_chunks(batch_on_device, states.x)
     while True:
         states, chunks = iterate(batch_on_device, settings, states, chunks)
@@ -185,7 +185,7 @@ def solve(problems: Sequence[Problem], starts: Sequence[Variables], settings: Se
             status = np.asarray(states.status)
             ended = [lane for lane in ended if status[lane] != RUNNING]
             if any(status[lane] == RUNNING for lane in found):
-                moved = jax.device_put((batch.share, batch.offset))
+                moved = to_device((batch.share, batch.offset))
                 batch_on_device = batch_on_device._replace(share=moved[0], offset=moved[1])
                 chunks = lay_out_chunks(batch_on_device, _trial_points(states))
         running = sum(i is not None for i in owner) - len(ended)
@@ -206,7 +206,7 @@ def solve(problems: Sequence[Problem], starts: Sequence[Variables], settings: Se
             new_problems, new_starts = stack([p for p, _ in fresh]), stack([x for _, x in fresh])
             _assign(batch, refilled, new_problems)
             _assign(states, refilled, start(new_problems, new_starts, settings))
-            batch_on_device = jax.device_put(batch)
+            batch_on_device = to_device(batch)
             chunks = lay_out_chunks(batch_on_device, _trial_points(states))
         elif not running:
             return results  # type: ignore[return-value]

@@ -1,7 +1,7 @@
 """Geometry of many slices side by side: distances, their derivatives, and what they add to the Gauss-Newton matrix.
 
-A slice knows neither its problem nor its horizon: keyframes and paths of any length are laid out as L slices, and one
-compiled program a number of objects serves them all. Derivatives are contact wrenches times twists in closed form,
+A slice knows neither its problem nor its horizon: keyframes and paths of any length are laid out as L slices, and what
+is compiled for some numbers of slices serves them all. Derivatives are contact wrenches times twists in closed form,
 never those of a whole slice (which cost 35 to 150 times the evaluation), and only those of the rows that push:
 most of a slice's hundred and more distances are not in contact."""
 

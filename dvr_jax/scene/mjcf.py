@@ -8,6 +8,7 @@ Bodies and geoms: "left/..." and "right/..." as in `panda.xml`; "table"; "object
 "object/<name>/joint" for its free joint) with the name percent-encoded outside letters, digits and "_.-~"; geom "goal".
 """
 
+import copy
 import math
 from dataclasses import dataclass
 from functools import cache, lru_cache
@@ -145,7 +146,9 @@ def build_home_data(model: mujoco.MjModel) -> mujoco.MjData:
 
 def require_free_home(scene: Scene) -> None:
     """Raise a DvrError where something collides in the initial state: no motion could start there."""
-    model = build_model(scene)
+    model = copy.copy(build_model(scene))
+    # Several points of contact of a pair with a cylinder can all lie less deep than the pair's.
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_MULTICCD
     data = mujoco.MjData(model)
     data.qpos[:] = home_qpos(scene)
     mujoco.mj_kinematics(model, data)

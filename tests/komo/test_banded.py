@@ -45,7 +45,7 @@ def written_out(system: BorderedSystem) -> np.ndarray:
     return np.tril(H) + np.tril(H, -1).T
 
 
-@pytest.mark.parametrize(("phases", "steps"), [(1, 1), (6, 1), (1, 2), (2, 3), (6, 10)])
+@pytest.mark.parametrize(("phases", "steps"), [(1, 1), (6, 1), (1, 2), (1, 3), (2, 3), (6, 10)])
 @pytest.mark.parametrize("damping", [0.0, 0.7])
 def test_against_a_dense_solve(phases: int, steps: int, damping: float) -> None:
     system = sample_system(phases, steps)
