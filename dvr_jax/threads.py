@@ -26,7 +26,7 @@ def linear_algebra_on_one_thread() -> Iterator[None]:
     """Inside, BLAS and LAPACK keep to the thread that calls them, in the whole process, as far as threadpoolctl knows
     the library (OpenBLAS and MKL, which SciPy's packages come with; Apple's Accelerate it does not).
 
-    A library that shares the factorisation of 28 x 28 matrices among threads takes twice as long for it, and rounds by
+    A library that shares the factorisation of 28 x 28 matrices among threads takes a third longer for it, and rounds by
     how many cores there are: the solver's result would depend on the machine. Blocks may overlap, also in several
     threads; the last one to end restores what was."""
     global _users, _limit

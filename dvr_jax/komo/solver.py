@@ -113,7 +113,7 @@ def _identity(tree: Any) -> Any:
 
 
 to_device: Callable[[Any], Any] = Program(_identity)
-"""A tree of NumPy arrays as JAX arrays: a compiled program takes a tenth of the time of `jax.device_put`."""
+"""A tree of NumPy arrays as JAX arrays: a compiled program takes a third of the time of `jax.device_put`."""
 
 
 def judge(

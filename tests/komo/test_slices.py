@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dvr_jax.komo.modes import Attachment
-from dvr_jax.komo.slices import FEW, Slices, reduce_path_slices, reduce_slices
+from dvr_jax.komo.slices import FEW_PUSHING, Slices, reduce_path_slices, reduce_slices
 from dvr_jax.komo.solver import CHUNK, LARGEST_CHUNK, cut_into_chunks
 
 
@@ -24,7 +24,7 @@ def test_chunks_hold_all_slices_in_their_order(number: int) -> None:
         np.testing.assert_array_equal(joined[..., :number], np.broadcast_to(index, (*joined.shape[:-1], number)))
 
 
-@pytest.mark.parametrize("pushing", [0, FEW, FEW + 1, 3 * FEW])
+@pytest.mark.parametrize("pushing", [0, FEW_PUSHING, FEW_PUSHING + 1, 3 * FEW_PUSHING])
 def test_few_rows_give_the_same_as_many(path: Any, pushing: int) -> None:
     """Of one slice so many rows push, of the others fewer."""
     measured = path.results[2]
@@ -32,7 +32,8 @@ def test_few_rows_give_the_same_as_many(path: Any, pushing: int) -> None:
     generator = np.random.default_rng(0)
     force, curvature = np.zeros((L, P)), np.zeros((L, P))
     for index in range(L):
-        rows = generator.permutation(P)[: pushing if index == L // 2 else generator.integers(min(pushing, FEW) + 1)]
+        number = pushing if index == L // 2 else generator.integers(min(pushing, FEW_PUSHING) + 1)
+        rows = generator.permutation(P)[:number]
         force[index, rows], curvature[index, rows] = generator.uniform(0.1, 10, (2, len(rows)))
     ours, expected = (jax.jit(reduce)(measured, force, curvature) for reduce in (reduce_path_slices, reduce_slices))
     assert (np.abs(expected.gradient).max() > 0) == (pushing > 0)
