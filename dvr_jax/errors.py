@@ -33,24 +33,30 @@ def run_command(main: Callable[[], int | None], at_once: bool = False) -> NoRetu
 
     Args:
         main: what the command does.
-        at_once: once it has returned, wait for no thread and tidy up nothing.
+        at_once: then wait for no thread and tidy up nothing.
     """
+    code = _run(main)
+    if at_once:
+        sys.stderr.flush()
+        os._exit(code)
+    sys.exit(code)
+
+
+def _run(main: Callable[[], int | None]) -> int:
+    """Exit code of a command."""
     try:
         code = main()
         sys.stdout.flush()
     except DvrError as error:
         print(f"error: {error}", file=sys.stderr)
-        sys.exit(EXIT_BAD_INPUT)
+        return EXIT_BAD_INPUT
     except BrokenPipeError:  # the reader of our output has gone (`... | head`): that is not bad input
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(1)
+        return 1
     except OSError as error:
         print(f"error: {describe_os_error(error)}", file=sys.stderr)
-        sys.exit(EXIT_BAD_INPUT)
+        return EXIT_BAD_INPUT
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
-        sys.exit(EXIT_INTERRUPTED)
-    if at_once:
-        sys.stderr.flush()
-        os._exit(code or 0)
-    sys.exit(code or 0)
+        return EXIT_INTERRUPTED
+    return code or 0

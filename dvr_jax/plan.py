@@ -21,6 +21,9 @@ from dvr_jax.search.searches import GUIDED
 
 EXIT_SOLVED, EXIT_NONE_FOUND = 0, 1
 
+_OF_A_MOTION = ("trajectory.npz", "film.png", "plan.gif")
+"""Files that only a plan that was found has."""
+
 
 @dataclass(frozen=True)
 class PlanOptions:
@@ -54,6 +57,8 @@ def write_plan(folder: Path, result: Plan, animation: bool) -> None:
     from dvr_jax.film import save_animation, save_depth_picture, save_film  # half a second that others need not wait
 
     folder.mkdir(parents=True, exist_ok=True)
+    for name in _OF_A_MOTION:  # another plan's
+        (folder / name).unlink(missing_ok=True)
     (folder / "scene.xml").write_text(scene_xml(result.scene), encoding="utf-8")
     save_depth_picture(folder / "depth.png", result.scene)
     if result.motion is not None:

@@ -27,7 +27,7 @@ from dvr_jax.scene.types import Scene
 from dvr_jax.search.node import Node
 from dvr_jax.search.reasoning import Network
 from dvr_jax.search.run import SOLVED
-from dvr_jax.search.searches import GUIDED
+from dvr_jax.search.searches import GUIDED, SEARCHES
 from dvr_jax.search.searches import search as run_search
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.warm import warming_up
@@ -98,6 +98,10 @@ def plan(
         raise DvrError(f"the seed is {seed}; valid is a whole number from 0.")
     if not time_limit > 0:
         raise DvrError(f"the time limit is {time_limit} s; valid is a positive number.")
+    if search not in SEARCHES:
+        raise DvrError(f"there is no search '{search}'; valid: {', '.join(SEARCHES)}.")
+    if network is not None and search not in GUIDED:
+        raise DvrError(f"the search '{search}' takes no network; valid with one: {', '.join(GUIDED)}.")
     if network is None and search in GUIDED:
         # Here and not above: the other searches need not wait for the import of flax.
         from dvr_jax.model.predictor import load_network
@@ -109,8 +113,9 @@ def plan(
     begin = time.monotonic()
     # Tolerances of a micrometre need double precision. Set here and not on import, which must not change other users'
     # programs.
+    # A scene that cannot be is refused here, before anything is compiled for it.
+    tree = SequenceTree(scene, k_max, seed, deadline=begin + time_limit)
     with jax.enable_x64(True), warming_up(scene, k_max, network):
-        tree = SequenceTree(scene, k_max, seed, deadline=begin + time_limit)
         accepted: list[tuple[Motion, CheckReport]] = []
         check_seconds, rejected = 0.0, 0
 

@@ -22,7 +22,7 @@ from dvr_jax.errors import DvrError
 from dvr_jax.model.predictor import SHIPPED, Predictor, load_network
 from dvr_jax.planner import plan
 from dvr_jax.processes import worker_processes
-from dvr_jax.scene.sampling import SceneDistribution, ShapeChoice, scene_of_seed
+from dvr_jax.scene.sampling import DEFAULT_DISTRIBUTION, SceneDistribution, ShapeChoice, scene_of_seed
 from dvr_jax.scene.types import Scene
 from dvr_jax.scene.workspace import MAXIMUM_OBJECTS
 from dvr_jax.search.run import EXHAUSTED
@@ -40,6 +40,8 @@ class ScenesOptions:
     """Objects in each scene, 1 to 8."""
     shape: ShapeChoice = "box"
     """Shapes of the objects."""
+    cubes: float = DEFAULT_DISTRIBUTION.cube_share
+    """Share of the boxes that are small cubes, which one arm cannot hand to the other in the air."""
     seed: int = 1
     """Of the scenes. The shipped networks were trained on seed 100 and chosen by seed 300."""
     search: str = "mbts"
@@ -62,6 +64,8 @@ class ScenesOptions:
                 raise DvrError(f"--{name.replace('_', '-')} is {getattr(self, name)}; valid is 1 or more.")
         if self.objects > MAXIMUM_OBJECTS:
             raise DvrError(f"--objects is {self.objects}; valid are 1 to {MAXIMUM_OBJECTS}.")
+        if not 0 <= self.cubes <= 1:
+            raise DvrError(f"--cubes is {self.cubes}; valid is 0 to 1.")
         if self.seed < 0:
             raise DvrError(f"--seed is {self.seed}; valid is 0 or more.")
         if not self.time_limit > 0:
@@ -73,7 +77,8 @@ class ScenesOptions:
 
 
 def _scene(options: ScenesOptions, index: int) -> Scene:
-    return scene_of_seed(options.seed, index, options.objects, SceneDistribution(shape=options.shape))
+    distribution = SceneDistribution(shape=options.shape, cube_share=options.cubes)
+    return scene_of_seed(options.seed, index, options.objects, distribution)
 
 
 @lru_cache(maxsize=1)

@@ -19,6 +19,7 @@ from dvr_jax.dataset.shards import SUFFIX, Columns, list_shards, read_columns, r
 from dvr_jax.dataset.symbols import Symbols, scene_symbols
 from dvr_jax.dataset.targets import Verdicts, targets
 from dvr_jax.errors import DvrError
+from dvr_jax.komo.transcription import is_duplicate, refute
 from dvr_jax.scene.scene import scene_from_json
 from dvr_jax.scene.types import Scene
 
@@ -96,7 +97,7 @@ def load_examples(
             if solved_only and not columns.feasible[slice(*columns.label_ends[row : row + 2])].any():
                 continue  # before anything is drawn for it
             generator = random.Random(f"{seed} {info.scenes[row]}")
-            own, verdicts, known = _expand(columns, row, symbols, completions, k_max, generator, str(info))
+            own, verdicts, known = _expand(columns, row, candidate, symbols, completions, k_max, generator, str(info))
             if not own or (solved_only and not any(verdicts)):
                 continue
             scene += [len(scenes)] * len(own)
@@ -151,9 +152,10 @@ def find_shards(paths: str | Path | Iterable[str | Path]) -> list[ShardInfo]:
         infos += list_shards(path) if path.is_dir() else [read_info(path)]
     if not infos:
         raise DvrError(f"there is no shard in {', '.join(map(str, named)) or 'no path'}; valid are files *{SUFFIX}.")
-    infos.sort(key=lambda info: (str(sorted(info.footer.options.items())), info.footer.first))
+    # A folder is one sweep; different sweeps may be learned from together.
+    infos.sort(key=lambda info: (str(info.path.parent.resolve()), info.footer.first, info.path.name))
     for before, info in pairwise(infos):
-        if info.footer.options == before.footer.options:  # shards of different sweeps may be learned from together
+        if info.path.parent.resolve() == before.path.parent.resolve():
             require_agreement([before, info])
     return infos
 
@@ -181,6 +183,7 @@ def labelled_sequences(columns: Columns, row: int, symbols: Symbols, source: str
 def _expand(
     columns: Columns,
     row: int,
+    scene: Scene,
     symbols: Symbols,
     completions: int,
     k_max: int,
@@ -198,7 +201,10 @@ def _expand(
     }
     prefixes = [sequence for sequence, is_prefix in zip(labelled, refuted, strict=True) if is_prefix]
     good, bad = ([sequence for sequence, verdict in verdicts.items() if verdict == wanted] for wanted in (True, False))
-    known = Verdicts(symbols, good, bad, prefixes)
+    actions = list(enumerate(symbols.grounding.actions))
+    impossible = [index for index, action in actions if refute(scene, action) is not None]
+    duplicates = [index for index, action in actions if is_duplicate(scene, action)]
+    known = Verdicts(symbols, good, bad, prefixes, impossible, duplicates)
     for prefix in prefixes:
         wanted = completions
         for sequence in symbols.draw(prefix, k_max, generator) if wanted else ():

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from dvr_jax.dataset.labels import Label
+from dvr_jax.errors import DvrError
 from dvr_jax.komo.engine import Solved
 from dvr_jax.scene.scene import scene_to_json
 from dvr_jax.scene.types import Scene
@@ -70,7 +71,10 @@ def label_scene(scene: Scene, index: int, options: LabelOptions, accept: Accept)
 
     A sequence is feasible if its path passes the NLP's tolerances and ``accept``. A refuted prefix is one label.
     """
-    tree = SequenceTree(scene, options.k_max, options.seed)
+    try:
+        tree = SequenceTree(scene, options.k_max, options.seed)
+    except DvrError as error:
+        raise DvrError(f"scene {index}: {error}") from None
     yield from multi_bound(Labelling(tree, scene, options, accept))
     return list(_labels(tree, tree.root, index))
 

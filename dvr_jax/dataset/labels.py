@@ -28,7 +28,8 @@ class Label:
     bound: str
     """The bound that refuted it, one of BOUNDS; "" if feasible."""
     violation: float
-    """Largest violation as a multiple of its tolerance (above 1: infeasible); NaN where no NLP was solved."""
+    """Largest violation as a multiple of its tolerance (above 1: infeasible; what only the check refused has
+    at most 1); NaN where no NLP was solved."""
 
     def __str__(self) -> str:
         return f"the label of ({', '.join(self.actions)}) in scene {self.scene}"

@@ -56,14 +56,18 @@ class Verdicts:
         feasible: Iterable[tuple[int, ...]],
         infeasible: Iterable[tuple[int, ...]],
         refuted: Iterable[tuple[int, ...]],
+        impossible: Iterable[int] = (),
+        duplicates: Iterable[int] = (),
     ) -> None:
-        """Sequences that are feasible, sequences that are not, and prefixes that nothing feasible begins with."""
+        """Sequences that are feasible, sequences that are not, and prefixes that nothing feasible begins with; actions
+        that a constant of the scene refutes, and those that are others by another name, which nobody asks for."""
         self._symbols = symbols
+        self._impossible = frozenset(impossible)
+        self._unasked = self._impossible | frozenset(duplicates)
         solutions = set(feasible)
         self._bad = {*infeasible, *refuted}
         self._longest = max(map(len, solutions), default=0)
         self._promising = {sequence[:length] for sequence in solutions for length in range(len(sequence) + 1)}
-        self._visited = {sequence[:length] for sequence in self._bad for length in range(len(sequence))}
         self._all_bad: dict[tuple[int, ...], bool] = {}
 
     def refuted_after(self, sequence: tuple[int, ...]) -> int:
@@ -74,6 +78,7 @@ class Verdicts:
     def known_steps(self, sequence: tuple[int, ...]) -> list[bool]:
         """For each j whether f_j of this sequence is known; once it is bad, it stays so."""
         undecided = (self.refuted_after(sequence) or len(sequence) + 1) - 1
+        undecided = next((step for step in range(undecided) if sequence[step] in self._impossible), undecided)
         known = [self._is_known(sequence[:length]) for length in range(1, undecided + 1)]
         return known + [True] * (len(sequence) - undecided)
 
@@ -85,13 +90,14 @@ class Verdicts:
         """Whether nothing feasible that is no longer than the longest solution begins with a prefix."""
         if prefix in self._bad:
             return True
-        if prefix in self._promising or prefix not in self._visited:
+        grounding, remaining = self._symbols.grounding, self._longest - len(prefix) - 1
+        if prefix in self._promising or (grounding.is_goal(state) and remaining >= -1):
             return False
         if prefix not in self._all_bad:
-            grounding, remaining = self._symbols.grounding, self._longest - len(prefix) - 1
             self._all_bad[prefix] = all(
                 self._is_bad((*prefix, action), after)
                 for action in grounding.applicable(state)
+                if action not in self._unasked
                 for after in [grounding.successor(state, action)]
                 if remaining >= 0 and grounding.can_reach_goal(after, remaining)
             )

@@ -123,8 +123,10 @@ def _normal(word: str, item: SceneObject) -> tuple[float, float]:
 
 
 def direction(face: str, item: SceneObject) -> str:
-    """Where a face of an object looks in the scene's initial state."""
-    return DIRECTIONS[(FACES.index(face) + round(item.yaw / (math.pi / 2))) % 4]
+    """Where a face of an object looks in the scene's initial state; a cylinder's yaw cannot be seen, and is taken for
+    0."""
+    yaw = 0.0 if item.shape == "cylinder" else item.yaw
+    return DIRECTIONS[(FACES.index(face) + round(yaw / (math.pi / 2))) % 4]
 
 
 def input_signature() -> str:

@@ -30,7 +30,7 @@ from dvr_jax.logic import Grounding, ground_actions
 from dvr_jax.model.encoding import encode_actions, goal_tuple
 from dvr_jax.model.export import Header, Kind, load_weights
 from dvr_jax.model.images import SceneImages, scene_images, stack_images
-from dvr_jax.model.network import Weights, encode_images, encode_symbols, input_gates, step_from_gates
+from dvr_jax.model.network import NetworkConfig, Weights, encode_images, encode_symbols, input_gates, step_from_gates
 from dvr_jax.scene.types import Scene
 from dvr_jax.scene.workspace import MAXIMUM_OBJECTS
 
@@ -85,6 +85,11 @@ class Predictor:
     def of(weights: Weights, header: Header) -> Predictor:
         """From weights in memory."""
         return Predictor(weights, header.kind)
+
+    @property
+    def size(self) -> NetworkConfig:
+        """Equal for networks that run the same compiled programs."""
+        return self.weights.config
 
     def look(self, scene: Scene) -> SceneImages:
         """Heights and masks of a scene in the network's size, rendered unless there are images of another camera."""

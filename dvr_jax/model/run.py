@@ -10,6 +10,7 @@ import hashlib
 import io
 import time
 import zipfile
+import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,13 +35,16 @@ from dvr_jax.model.batches import (
 from dvr_jax.model.checkpoint import CheckpointFolder, TrainingState
 from dvr_jax.model.export import Header, Kind, export_weights
 from dvr_jax.model.history import History, save_curves
-from dvr_jax.model.images import UNIT_HEIGHT, ImageStack, scene_images, stack_images
+from dvr_jax.model.images import LARGEST_HEIGHT, UNIT_HEIGHT, WHOLE_PIXEL, ImageStack, scene_images, stack_images
 from dvr_jax.model.network import NetworkConfig, Weights, initial_weights
 from dvr_jax.model.training import ADAM, Validation, train_step
 from dvr_jax.scene.pinhole import SCENE_CAMERA
 from dvr_jax.scene.types import Scene
 
 Say = Callable[[str], None]
+
+_UNITS = UNIT_HEIGHT, LARGEST_HEIGHT, WHOLE_PIXEL
+"""What the numbers of rendered images mean."""
 
 
 @dataclass(frozen=True)
@@ -119,8 +123,8 @@ class TrainOptions:
         ):
             if getattr(self, name) < 1:
                 raise DvrError(f"--{name.replace('_', '-')} is {getattr(self, name)}; valid is 1 or more.")
-        if self.seed < 0:
-            raise DvrError(f"--seed is {self.seed}; valid is 0 or more.")
+        if not 0 <= self.seed < 2**63:  # what a checkpoint can hold
+            raise DvrError(f"--seed is {self.seed}; valid is 0 to 2^63 - 1.")
         if not 0 <= self.cooldown <= self.steps:
             raise DvrError(f"--cooldown is {self.cooldown}; valid is 0 to {self.steps}, the --steps.")
         if self.validation_scenes < 0:
@@ -175,6 +179,8 @@ def prepare(options: TrainOptions, examples: Examples, held_out: Examples | None
     validation = None
     if held_out is not None:
         check_examples(held_out, "--validation")
+        if seen := set(examples.scenes) & set(held_out.scenes):
+            raise DvrError(f"--validation has {len(seen)} of the scenes of --data; valid are others.")
         other = _table(held_out.scenes, options, options.out / "validation_images.npz", say)
         validation = Validation.of(held_out, other, np.arange(len(held_out.scene)), *limits)
     elif len(validation_rows):
@@ -270,7 +276,7 @@ def _fingerprint(examples: Examples) -> str:
 def _table(scenes: Sequence[Scene], options: TrainOptions, cache: Path, say: Say) -> SceneTable:
     """Table of the scenes; their images are read from `cache` if they are there, else rendered and kept there."""
     chosen = options.image_size, options.rays
-    key = hashlib.sha256(repr((tuple(scenes), chosen, SCENE_CAMERA, UNIT_HEIGHT)).encode()).hexdigest()
+    key = hashlib.sha256(repr((tuple(scenes), chosen, SCENE_CAMERA, _UNITS)).encode()).hexdigest()
     images = _read_images(cache, key)
     if images is None:
         say(f"rendering {len(scenes)} scenes")
@@ -288,5 +294,5 @@ def _read_images(cache: Path, key: str) -> ImageStack | None:
     try:
         with np.load(cache, allow_pickle=False) as file:
             return ImageStack(file["height"], file["masks"]) if str(file["key"]) == key else None
-    except (FileNotFoundError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+    except (FileNotFoundError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error):
         return None

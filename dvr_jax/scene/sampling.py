@@ -1,5 +1,6 @@
 """Random scenes as in the paper: sizes, positions, turns and the target uniform within ranges, kept when valid.
 
+Beyond the paper a share of the boxes are small cubes (`SceneDistribution.cube_share`).
 A whole scene is drawn and thrown away unless it is valid, so the scenes are uniform over the valid ones. In a share of
 the scenes (half) an object that is not the goal's is put onto the target; in the others it may stand there by chance.
 Scene i of a seed depends on the seed and i alone: a longer draw begins with the shorter one.
@@ -40,7 +41,7 @@ class SceneDistribution:
     """A box's other horizontal side."""
     height: Range = (0.04, 0.12)
     """Height of boxes and cylinders."""
-    cube_share: float = 0.0
+    cube_share: float = 0.25
     """Share of the boxes that are small cubes instead. Two hands find no room on one, so it is exchanged on the table
     where another box is handed over: shortest solutions of six actions come of them."""
     cube_side: Range = (0.022, 0.03)

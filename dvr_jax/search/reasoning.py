@@ -13,7 +13,7 @@ network is right nothing changes; where it is wrong, a batch is many times cheap
 from __future__ import annotations
 
 import heapq
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from itertools import count
 from typing import Any, Protocol
@@ -51,6 +51,11 @@ class Code(Protocol):
 class Network(Protocol):
     """What the search needs of a network (`dvr_jax.model.predictor.Predictor`)."""
 
+    @property
+    def size(self) -> Hashable:
+        """Equal for networks that run the same compiled programs."""
+        ...
+
     def look(self, scene: Scene) -> Any:
         """What the camera sees of a scene, as the network takes it."""
         ...
@@ -72,7 +77,8 @@ class _Candidate:
 
     node: Node
     probability: float
-    hidden: NDArray[np.float32]
+    hidden: NDArray[np.float32] | None
+    """State after the node's actions; None of a sequence that reaches the goal, after which nothing is asked."""
 
 
 class _ByProbability:
@@ -170,8 +176,13 @@ def _query(run: Run, network: Network, code: Any, parent: _Candidate) -> list[_C
     if not children:
         return []
     actions = [run.tree.grounding.index(child.actions[-1]) for child in children]
+    assert parent.hidden is not None
     probabilities, after = network.step(code, parent.hidden[None], actions)
-    return [_Candidate(*values) for values in zip(children, probabilities.tolist(), after, strict=True)]
+    return [
+        # Where all reach the goal, as in the last level, nothing keeps the states.
+        _Candidate(child, probability, None if child.reaches_goal else hidden)
+        for child, probability, hidden in zip(children, probabilities.tolist(), after, strict=True)
+    ]
 
 
 def _try(run: Run, leaves: list[Node]) -> Steps[Outcome | None]:

@@ -119,9 +119,9 @@ class Run:
             if not solved.feasible:
                 node.violation = min(solved.ratio, node.violation)  # NaN is no smaller than anything
                 continue
-            node.refuted_by = "check"
+            node.refuted_by, node.violation = "check", solved.ratio
             if self.accept(node, solved):
-                node.solved, node.refuted_by, node.violation = True, "", solved.ratio
+                node.solved, node.refuted_by = True, ""
                 self.tree.counts.feasible["path"] += 1
                 return Outcome(SOLVED, node, solved, self.seconds)
         return None

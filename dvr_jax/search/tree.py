@@ -74,6 +74,7 @@ class SequenceTree:
     def expand(self, node: Node) -> list[Node]:
         """Children of a node that pass the symbolic bound, each once."""
         if node.children is None:
+            self.solver.look_at_the_clock()
             node.children = []
             for index in self.grounding.applicable(node.state):
                 action = self.grounding.actions[index]
@@ -121,6 +122,9 @@ class SequenceTree:
             judged = self._poses[chain][ignored]
             if not judged.feasible:
                 node.refute("pose", judged.violation)
+            elif not ignored:
+                # Nothing is left out: this is the sequence bound.
+                node.feasible, node.problem, node.particles = True, judged.problem, judged.particles
         return [node.feasible is not False for node in nodes]
 
     def recall_pose(self, node: Node) -> bool:

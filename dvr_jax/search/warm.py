@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from threading import Event, Thread
@@ -21,8 +21,8 @@ from dvr_jax.scene.types import Scene
 from dvr_jax.search.reasoning import Network
 from dvr_jax.search.tree import SequenceTree
 
-_ready: set[tuple[int, int, object]] = set()
-"""Number of objects, number of actions and network whose programs this process has."""
+_ready: set[tuple[int, int, Hashable]] = set()
+"""Number of objects, number of actions and size of the network whose programs this process has."""
 
 
 def warm_up(
@@ -93,8 +93,8 @@ def _query(scene: Scene, k_max: int, network: Network) -> None:
         network.step(code, code.initial_hidden(), range(children))
 
 
-def _key(scene: Scene, k_max: int, network: Network | None) -> tuple[int, int, object]:
-    return len(scene.objects), k_max, None if network is None else id(network)
+def _key(scene: Scene, k_max: int, network: Network | None) -> tuple[int, int, Hashable]:
+    return len(scene.objects), k_max, None if network is None else network.size
 
 
 @contextmanager

@@ -70,6 +70,7 @@ def test_the_speed_up_is_over_scenes_with_the_same_length(printed: list[str]) ->
     [
         ({"number": 0}, "--number is 0"),
         ({"objects": 9}, "--objects is 9; valid are 1 to 8"),
+        ({"cubes": 1.5}, "--cubes is 1.5; valid is 0 to 1"),
         ({"workers": 0}, "--workers is 0"),
         ({"seed": -1}, "--seed is -1"),
         ({"time_limit": 0.0}, "--time-limit is 0"),

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 from synthetic import OPTIONS, synthetic
 
+from dvr_jax import train
 from dvr_jax.dataset import Examples, Label, count_targets, load_examples, read_shard, targets, write_manifest
 from dvr_jax.dataset import write_shard as write
 from dvr_jax.dataset.manifest import count_infeasible_sequences
@@ -20,6 +22,7 @@ from dvr_jax.dataset.shards import list_shards
 from dvr_jax.dataset.symbols import scene_symbols
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import Grounding, enumerate_sequences, ground_actions
+from dvr_jax.model.predictor import Predictor
 from dvr_jax.scene.types import Scene
 
 
@@ -208,6 +211,25 @@ def test_bad_requests(folder: Path, tmp_path: Path) -> None:
         load_examples(folder, completions=-1)
     with pytest.raises(DvrError, match="overlap"):
         load_examples([folder, folder / "000000.parquet"])
+
+
+def test_sweeps_of_different_scenes_are_learned_from_together(folder: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other"
+    shutil.copytree(folder, other)
+    once, twice = load_examples(folder), load_examples([folder, other])
+    assert len(twice.scenes) == 2 * len(once.scenes) and len(twice.actions) == 2 * len(once.actions)
+
+
+def test_shards_make_a_network(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    options = "--image-size 8 --rays 1 --batch 8 --least-feasible 2 --steps 4 --log-every 2 --checkpoint-every 4"
+    monkeypatch.setattr(sys, "argv", ["train", "--data", str(folder), "--out", str(tmp_path), *options.split()])
+    assert train.main() == 0
+    manifest = json.loads((tmp_path / "manifest.json").read_text())
+    examples = load_examples(folder)
+    assert 0 < manifest["counts"]["scenes"] <= len(examples.scenes)
+    assert manifest["counts"]["sequences"] <= len(examples.length)
+    code = Predictor.load(tmp_path / "network.npz").begin(examples.scenes[0])
+    assert np.isfinite(code.gates).all()
 
 
 def test_manifest(folder: Path, labels: dict[Scene, list[Label]]) -> None:

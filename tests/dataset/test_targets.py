@@ -57,22 +57,28 @@ def test_what_is_known_of_a_prefix_follows_from_all_sequences_up_to_the_longest_
     seed: int, labelled: float
 ) -> None:
     generator = np.random.default_rng(seed)
+    actions = range(len(SYMBOLS.grounding.actions))
+    impossible = {action for action in actions if generator.random() < 0.1}
+    duplicates = {action for action in actions if generator.random() < 0.1} - impossible
     proper = sorted({sequence[:length] for sequence in REACHING for length in (1, 2, 3) if length < len(sequence)})
     refuted = {prefix for prefix in proper if generator.random() < 0.1}
-    left = [s for s in REACHING if not any(s[:length] in refuted for length in range(len(s)))]
+    asked = [s for s in REACHING if not duplicates.intersection(s)]
+    possible = [s for s in asked if not impossible.intersection(s)]
+    left = [s for s in possible if not any(s[:length] in refuted for length in range(len(s)))]
     good = {s for s in left if len(s) >= 3 and generator.random() < 0.02}
     bad = {s for s in left if s not in good and generator.random() < labelled}
     longest = max(map(len, good), default=0)
-    verdicts = Verdicts(SYMBOLS, good, bad, refuted)
+    verdicts = Verdicts(SYMBOLS, good, bad, refuted, impossible, duplicates)
 
     def is_bad(sequence: tuple[int, ...]) -> bool:
-        return any(sequence[:length] in refuted | bad for length in range(1, len(sequence) + 1))
+        labelled = any(sequence[:length] in refuted | bad for length in range(1, len(sequence) + 1))
+        return labelled or bool(impossible.intersection(sequence))
 
-    for sequence in [*good, *bad, *(s for s in REACHING[::50] if is_bad(s))]:
+    for sequence in [*good, *bad, *(s for s in asked[::50] if is_bad(s))]:
         expected = []
         for length in range(1, len(sequence) + 1):
             prefix = sequence[:length]
-            begun = [s for s in REACHING if len(s) <= longest and s[:length] == prefix]
+            begun = [s for s in asked if len(s) <= longest and s[:length] == prefix]
             promising = any(s[:length] == prefix for s in good)
             expected.append(promising or is_bad(prefix) or all(map(is_bad, begun)))
         assert verdicts.known_steps(sequence) == expected

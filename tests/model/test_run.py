@@ -195,9 +195,15 @@ def test_command_trains_a_classifier_on_separate_held_out_scenes(
     assert last.keys() == {"step", "validation/loss", "validation/average_precision"}
 
 
+def test_held_out_scenes_are_not_those_that_are_trained_on() -> None:
+    with pytest.raises(DvrError, match="--validation has 16 of the scenes of --data; valid are others"):
+        prepare(OPTIONS, EXAMPLES, EXAMPLES, quiet)
+
+
 @pytest.mark.parametrize(
     ("option", "message"),
     [
+        ("--seed 9223372036854775808", "--seed is 9223372036854775808; valid is 0 to 2^63 - 1."),
         ("--least-feasible 49", "--least-feasible is 49; valid is 0 to 48, the batch."),
         ("--checkpoint-every 150", "--checkpoint-every is 150; valid is a multiple of --log-every 100."),
         ("--cooldown 100001", "--cooldown is 100001; valid is 0 to 100000, the --steps."),

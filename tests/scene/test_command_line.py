@@ -47,14 +47,21 @@ def test_a_defect_keeps_its_traceback() -> None:
         run_command(lambda: 1 // 0)
 
 
-def test_a_command_may_end_without_waiting_for_its_threads() -> None:
+@pytest.mark.parametrize(
+    ("main", "ended"),
+    [
+        ("print('done') or print('and said', file=sys.stderr) or 1", (1, "done\n", "and said\n")),
+        ("open('missing.json')", (2, "", "error: cannot use the file 'missing.json': No such file or directory.\n")),
+    ],
+)
+def test_a_command_may_end_without_waiting_for_its_threads(main: str, ended: tuple[int, str, str]) -> None:
     code = (
         "import sys, threading, time; from dvr_jax.errors import run_command\n"
         "threading.Thread(target=time.sleep, args=(600,)).start()\n"
-        "run_command(lambda: print('done') or print('and said', file=sys.stderr) or 1, at_once=True)"
+        f"run_command(lambda: {main}, at_once=True)"
     )
-    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300)
-    assert (ended.returncode, ended.stdout, ended.stderr) == (1, "done\n", "and said\n")
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300)
+    assert (run.returncode, run.stdout, run.stderr) == ended
 
 
 def sample(*options: str) -> subprocess.CompletedProcess[str]:

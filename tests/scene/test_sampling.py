@@ -36,7 +36,8 @@ def test_scenes_are_valid_and_within_ranges(number_of_objects: int, shape: str) 
         assert low <= scene.goal.region.size[0] - longest <= high
         for item in scene.objects:
             assert shape in ("mixed", item.shape)
-            assert distribution.height[0] <= item.height <= distribution.height[1]
+            low, high = distribution.cube_side if len(set(item.size)) == 1 else distribution.height
+            assert low <= item.height <= high
             near, far = distribution.base_distance
             assert near <= min(math.dist(item.position, base) for base in BASE_POSITIONS) <= far
 
@@ -83,7 +84,7 @@ def test_no_object_touches_an_arm_at_home() -> None:
         ({"occupied_share": 1.5}, "occupied share is 1.5"),
         ({"cube_share": -0.1}, "cube share is -0.1"),
         ({"base_distance": (5.0, 6.0)}, "no point with x"),
-        ({"wide_side": (0.04, 3.0), "narrow_side": (3.0, 3.0)}, "none of 5000 scenes"),
+        ({"wide_side": (0.04, 3.0), "narrow_side": (3.0, 3.0), "cube_share": 0.0}, "none of 5000 scenes"),
     ],
 )
 def test_refuses_distributions(change: dict[str, object], message: str) -> None:

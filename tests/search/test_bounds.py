@@ -103,6 +103,19 @@ def test_a_second_look_finds_what_the_sequence_bound_missed() -> None:
         assert run_alone(run.try_path(leaf)) is not None
 
 
+def test_with_nothing_left_out_the_pose_bound_is_the_sequence_bound() -> None:
+    actions = "grasp(right, -y, blue)", "grasp(left, -x, blue)", "place(left, blue, table)"
+    with jax.enable_x64(True):
+        _, expected = judged(sampled(2666), *actions)
+        tree = SequenceTree(sampled(2666), k_max=6)
+        leaf = leaf_of(tree, *actions)
+        for depth in range(1, leaf.depth + 1):
+            run_alone(tree.judge_poses([leaf.ancestor(depth)]))
+    assert expected.feasible and leaf.feasible and expected.particles is not None and leaf.particles is not None
+    for ours, theirs in zip(leaf.particles, expected.particles, strict=True):
+        np.testing.assert_array_equal(ours[..., : 3 if ours.ndim == 4 else None], theirs)
+
+
 def test_a_second_look_leaves_what_is_infeasible_refuted() -> None:
     # In reach, but the other box stands where it should be put.
     there = SceneObject("b", "box", (0.1, 0.1, 0.1), (-0.2, -0.25), 0.0)

@@ -1,9 +1,14 @@
 """Both searches on small scenes: they agree, they are repeatable, and they end when the tree is exhausted."""
 
 import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import pytest
 
+from dvr_jax.errors import DvrError
+from dvr_jax.plan import write_plan
 from dvr_jax.planner import Plan, plan
 from dvr_jax.scene.types import Goal, Region, Scene, SceneObject
 
@@ -42,6 +47,34 @@ def test_what_no_arm_reaches_exhausts_the_tree(search: str) -> None:
     result = plan(one_box(0.0, 0.9), search, k_max=2, time_limit=300)
     assert result.status == "tree exhausted"
     assert not result.actions and result.motion is None
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"search": "dfs"}, "no search 'dfs'; valid: dvr, classifier, mbts, bfs"),
+        ({"search": "mbts", "network": "any"}, "'mbts' takes no network; valid with one: dvr, classifier"),
+        ({"time_limit": 0.0}, "the time limit is 0.0 s"),
+    ],
+)
+def test_requests_that_make_no_sense_are_refused(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(DvrError, match=message):
+        plan(one_box(-0.4, 0.3), **options)
+
+
+def test_an_arm_in_collision_at_home_is_refused_before_anything_is_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    bent = {"left": (0.0, 1.5, 0.0, -0.3, 0.0, 1.6, 0.8)}
+    monkeypatch.setattr("dvr_jax.planner.warming_up", lambda *arguments: pytest.fail("began to compile"))
+    with pytest.raises(DvrError, match="with the arms at home"):
+        plan(replace(one_box(-0.4, 0.3), home=bent), "mbts")
+
+
+def test_a_plan_takes_the_place_of_another_that_was_found(plans: dict[str, Plan], tmp_path: Path) -> None:
+    result = plans["mbts"]
+    write_plan(tmp_path, result, animation=False)
+    assert {"trajectory.npz", "film.png"} < {path.name for path in tmp_path.iterdir()}
+    write_plan(tmp_path, replace(result, status="tree exhausted", actions=(), motion=None, report=None), False)
+    assert {path.name for path in tmp_path.iterdir()} == {"plan.json", "scene.xml", "depth.png"}
 
 
 def test_the_deadline_is_kept() -> None:
