@@ -111,10 +111,10 @@ def plan(
     if kind != search:
         raise DvrError(f"the network is of the kind '{kind}'; the search '{search}' needs one of its own kind.")
     begin = time.monotonic()
-    # Tolerances of a micrometre need double precision. Set here and not on import, which must not change other users'
-    # programs.
     # A scene that cannot be is refused here, before anything is compiled for it.
     tree = SequenceTree(scene, k_max, seed, deadline=begin + time_limit)
+    # Tolerances of a micrometre need double precision. Set here and not on import, which must not change other users'
+    # programs.
     with jax.enable_x64(True), warming_up(scene, k_max, network):
         accepted: list[tuple[Motion, CheckReport]] = []
         check_seconds, rejected = 0.0, 0

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 CODE = """
-import os, sys, time
+import os, signal, sys, time
 from dvr_jax.processes import worker_processes
 
 def work(number):
@@ -21,6 +21,7 @@ def work(number):
     time.sleep(0.0 if number == 0 else 60.0)
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # what a shell starts in the background ignores Ctrl-C
     with worker_processes(2) as pool:
         futures = [pool.submit(work, number) for number in range(6)]
         futures[0].result()

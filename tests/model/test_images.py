@@ -40,19 +40,22 @@ def test_layers_are_objects_goal_and_zeros() -> None:
 
 
 def test_a_pixel_is_the_mean_of_its_rays() -> None:
-    """A goal mask knows its area to 3 % and its place to a thirtieth of a pixel, which is 3.4 cm wide."""
+    """A mask of a goal of 8 cm and more knows its area to 4 % and its place to a thirtieth of a pixel, which is 3.4 cm
+    wide; of a small cube's goal, to 10 % and a tenth."""
     scene = next(sample_scenes(1, 2, 0))
     fine, coarse = scene_images(scene, 64, 1), scene_images(scene, 16, 4)
     for seen, mean in zip((fine.height, *fine.masks), (coarse.height, *coarse.masks), strict=True):
         blocks = seen.reshape(16, 4, 16, 4).astype(float).mean(axis=(1, 3))
         np.testing.assert_allclose(mean, np.rint(blocks) if mean.dtype == np.uint8 else blocks, atol=1e-5)
-    errors = []
-    for scene in sample_scenes(10, 2, 0):
+    errors: dict[bool, list[list[float]]] = {False: [], True: []}
+    for scene in sample_scenes(20, 2, 0):
         mask = scene_images(scene, 64, 4).masks[2] / WHOLE_PIXEL
         width = 2 * SCENE_CAMERA.position[2] * math.tan(SCENE_CAMERA.field_of_view / 2) / 64
         x = ((np.arange(64) - 31.5) * mask.sum(0)).sum() * width / mask.sum()
-        errors.append([x - scene.goal.region.position[0], mask.sum() * width**2 / np.prod(scene.goal.region.size) - 1])
-    assert np.abs(errors).max(axis=0)[0] < 1e-3 and np.abs(errors).max(axis=0)[1] < 0.03
+        error = [x - scene.goal.region.position[0], mask.sum() * width**2 / np.prod(scene.goal.region.size) - 1]
+        errors[min(scene.goal.region.size) < 0.08].append(error)
+    for small, (place, area) in {False: (1e-3, 0.04), True: (3.4e-3, 0.1)}.items():
+        assert len(errors[small]) > 4 and (np.abs(errors[small]).max(axis=0) < [place, area]).all()
 
 
 def test_images_that_the_network_cannot_average_are_refused() -> None:
@@ -63,7 +66,7 @@ def test_images_that_the_network_cannot_average_are_refused() -> None:
 
 def test_height_is_that_of_what_stands_on_the_table() -> None:
     for scene in sample_scenes(5, 2, 0):
-        images = scene_images(scene, 64, 1)
+        images = scene_images(scene, 256, 1)  # at 64 all rays may pass beside a small cube
         for mask, item in zip(images.masks, scene.objects, strict=False):
             # Some rays meet the top, the others a side.
             np.testing.assert_allclose(images.height[mask > 0].max(), item.height / UNIT_HEIGHT, atol=1e-4)

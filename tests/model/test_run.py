@@ -30,7 +30,7 @@ from dvr_jax.model.predictor import Predictor
 from dvr_jax.model.run import TrainOptions, prepare, train
 from dvr_jax.model.training import evaluate_batch, train_step, weighted_loss
 
-EXAMPLES = sided_examples(16, 0)
+EXAMPLES = sided_examples(16, 1)
 SMALL = NetworkConfig(image_size=24, channels=(3, 4, 4), dense=32, hidden=64)
 OPTIONS = TrainOptions(
     data=(),
