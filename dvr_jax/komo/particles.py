@@ -133,22 +133,26 @@ def _choose(
 ) -> _Candidates:
     """Proposals whose distances are worth computing: the best by inverse kinematics."""
     M, B, J = overhang.shape
-    dtype = q.dtype
-    if q_other is None:
-        home = step.home.reshape(M, 2, 7)
-        rest = jnp.take_along_axis(home, 1 - step.arm[:, None, None], axis=1)
-        tucked = jnp.arange(J)[None, None, :, None] % 2 == 1
-        q_other = jnp.broadcast_to(jnp.where(tucked, jnp.asarray(TUCKED, dtype), rest[:, :, None]), q.shape)
-    left = (step.arm == 0)[:, None, None, None]
-    q = materialize(jnp.concatenate([jnp.where(left, q, q_other), jnp.where(left, q_other, q)], axis=-1))
     total = cost + overhang + particles.violation[:, :, None]
     _, chosen = jax.lax.top_k(-total.reshape(M, B * J), EVALUATED)
 
     def gather(x: Array) -> Array:
         return jnp.take_along_axis(x.reshape(M, B * J, -1), chosen[..., None], axis=1)
 
+    acting = gather(q)
+    if q_other is None:
+        rest = jnp.take_along_axis(step.home.reshape(M, 2, 7), 1 - step.arm[:, None, None], axis=1)
+        tucked = (chosen % J % 2 == 1)[..., None]
+        other = jnp.where(tucked, jnp.asarray(TUCKED, q.dtype), rest)
+    else:
+        other = gather(q_other)
+    left = (step.arm == 0)[:, None, None]
     return _Candidates(
-        gather(q), gather(jnp.moveaxis(m, 0, -1)), chosen // J, gather(cost)[..., 0], gather(overhang)[..., 0]
+        jnp.concatenate([jnp.where(left, acting, other), jnp.where(left, other, acting)], axis=-1),
+        gather(jnp.moveaxis(m, 0, -1)),
+        chosen // J,
+        gather(cost)[..., 0],
+        gather(overhang)[..., 0],
     )
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from jax import Array
 
 from dvr_jax.compilation import Program
+from dvr_jax.geometry.angles import arctan2
 from dvr_jax.geometry.vectors import Rotation, Vector, compose, cross, dot, materialize, rotate_back, transpose
 from dvr_jax.robot.kinematics import base_pose, hand_pose, link_poses, load_arm
 
@@ -30,12 +31,23 @@ _UPPER, _FOREARM, _ELBOW, _WRIST = 0.316, 0.384, 0.0825, 0.088
 _SIDE_UPPER = math.hypot(_UPPER, _ELBOW)
 _SIDE_FOREARM = math.hypot(_FOREARM, _ELBOW)
 _ANGLE_AT_ZERO = math.atan2(_FOREARM, -_ELBOW) - math.atan2(-_UPPER, -_ELBOW)
+_COS_AT_ZERO, _SIN_AT_ZERO = math.cos(_ANGLE_AT_ZERO), math.sin(_ANGLE_AT_ZERO)
 
 
 def _gripper_in_flange() -> tuple[np.ndarray, float]:
     """Rotation of the hand in link frame 7 and the distance of the gripper centre along its z [m]."""
     arm = load_arm()
     return arm.hand_rotation, float(arm.gripper_center[2])
+
+
+def _sine_of(cosine: Array) -> Array:
+    """Sine of the angle in [0, pi] with this cosine, which is within [-1, 1]."""
+    return jnp.sqrt((1 - cosine) * (1 + cosine))
+
+
+def _half_turn(angle: Array) -> Array:
+    """The opposite direction, in [-pi, pi] as ``angle`` is."""
+    return jnp.where(angle > 0, angle - math.pi, angle + math.pi)
 
 
 def arm_angles(arm: Array, R: Rotation, p: Vector, q7: Array) -> tuple[Array, Array]:
@@ -79,41 +91,47 @@ def arm_angles(arm: Array, R: Rotation, p: Vector, q7: Array) -> tuple[Array, Ar
     distance = jnp.sqrt(dot(to_shoulder, to_shoulder))
     cosine = (_SIDE_UPPER**2 + _SIDE_FOREARM**2 - distance**2) / (2 * _SIDE_UPPER * _SIDE_FOREARM)
     gap = jnp.maximum(jnp.abs(cosine) - 1, 0)
-    q4 = materialize(jnp.arccos(jnp.clip(cosine, -1, 1)) - _ANGLE_AT_ZERO)
-    c4, s4 = materialize((jnp.cos(q4), jnp.sin(q4)))
+    # Sines and cosines come from those of parts of an angle, not from the angle: here q4 = arccos(cosine) - a constant.
+    cosine = jnp.clip(cosine, -1, 1)
+    sine = _sine_of(cosine)
+    c4, s4 = materialize((cosine * _COS_AT_ZERO + sine * _SIN_AT_ZERO, sine * _COS_AT_ZERO - cosine * _SIN_AT_ZERO))
     # S - O6 in the plane: alpha along z5 (the forearm), beta along x4. O4 - O6 = a4 x4 - d5 z5; S - O4 = -a4 x3 - d3
     # z3, with x3 = c4 x4 - s4 z5 and z3 = s4 x4 + c4 z5.
     alpha = -_FOREARM + _ELBOW * s4 - _UPPER * c4
     beta = _ELBOW - _ELBOW * c4 - _UPPER * s4
 
-    # z5 = sin q6 x6 + cos q6 y6, and its product with S - O6 is alpha.
+    # z5 = sin q6 x6 + cos q6 y6, and its product with S - O6 is alpha: q6 = arctan(along_x / along_y) +-
+    # arccos(alpha / amplitude).
     along_x, along_y = dot(to_shoulder, x6), dot(to_shoulder, y6)
     amplitude = jnp.sqrt(along_x**2 + along_y**2)
     gap += jnp.maximum(jnp.abs(alpha) - amplitude, 0)
-    middle = jnp.arctan2(along_x, along_y)
-    spread = jnp.arccos(jnp.clip(alpha / jnp.maximum(amplitude, 1e-9), -1, 1))
+    amplitude = jnp.maximum(amplitude, 1e-9)
+    cosine = jnp.clip(alpha / amplitude, -1, 1)
+    c6, s6, cosine, sine = materialize((along_y / amplitude, along_x / amplitude, cosine, _sine_of(cosine)))
 
     # From here on axis 1 counts the two values of q6: the forearm folds either way about S - O6.
     side = jnp.asarray([1.0, -1.0], q7.dtype)[:, None]
-    # Into [-pi/2, 3 pi/2), which holds the joint's range.
-    q6 = materialize(jnp.mod(middle + side * spread + math.pi / 2, 2 * math.pi) - math.pi / 2)
-    c6, s6 = materialize((jnp.cos(q6), jnp.sin(q6)))
+    c6, s6 = materialize((c6 * cosine - side * s6 * sine, s6 * cosine + side * c6 * sine))
     x6, y6, z6, to_shoulder = x6[:, None], y6[:, None], z6[:, None], to_shoulder[:, None]
     z5, x5 = materialize((s6 * x6 + c6 * y6, c6 * x6 - s6 * y6))
     x4 = materialize((to_shoulder - alpha * z5) / jnp.where(jnp.abs(beta) < 1e-9, 1e-9, beta))
     # Joint 5 turns frame 4 (tilted so that its z is the forearm) into frame 5.
-    tilted_y = cross(z5, x4)
-    q5 = jnp.arctan2(dot(x5, tilted_y), dot(x5, x4))
+    q5 = arctan2(dot(x5, cross(z5, x4)), dot(x5, x4))
     x3, z3, q5 = materialize((c4 * x4 - s4 * z5, s4 * x4 + c4 * z5, q5))
+    q6 = arctan2(s6, c6)
+    q6 = jnp.where(q6 < -math.pi / 2, q6 + 2 * math.pi, q6)  # into [-pi/2, 3 pi/2), which holds the joint's range
+    q4 = arctan2(s4, c4)
+    q4 = jnp.where(q4 > 0, q4 - 2 * math.pi, q4)  # and into (-2 pi, 0]
 
-    # And axis 2 the two signs of q2.
-    turn = jnp.asarray([1.0, -1.0], q7.dtype)[:, None]
-    q2 = turn * jnp.arctan2(jnp.sqrt(z3[0] ** 2 + z3[1] ** 2), z3[2])[:, None]
-    q1 = jnp.arctan2(turn * z3[1][:, None], turn * z3[0][:, None])
-    q1, q2 = materialize((q1, q2))
-    c1, s1, c2, s2 = materialize((jnp.cos(q1), jnp.sin(q1), jnp.cos(q2), jnp.sin(q2)))
-    x3 = x3[:, :, None]
-    q3 = jnp.arctan2(c1 * x3[1] - s1 * x3[0], c1 * c2 * x3[0] + s1 * c2 * x3[1] - s2 * x3[2])
+    # And axis 2 the two signs of q2, which turn joints 1 and 3 by half a turn.
+    across, length = jnp.sqrt(z3[0] ** 2 + z3[1] ** 2), jnp.sqrt(dot(z3, z3))
+    q2, q1 = arctan2(across, z3[2]), arctan2(z3[1], z3[0])
+    some = jnp.where(across > 0, across, 1)
+    c1, s1 = jnp.where(across > 0, z3[0] / some, 1), z3[1] / some
+    q3 = arctan2((c1 * x3[1] - s1 * x3[0]) * length, z3[2] * (c1 * x3[0] + s1 * x3[1]) - across * x3[2])
+    q1, q2, q3 = materialize(
+        (jnp.stack([q1, _half_turn(q1)], 1), jnp.stack([q2, -q2], 1), jnp.stack([q3, _half_turn(q3)], 1))
+    )
     shape = q1.shape
     joints = (q1, q2, q3, q4, q5[:, None], q6[:, None], q7)
     q = materialize(jnp.stack([jnp.broadcast_to(angle, shape) for angle in joints]).reshape(7, BRANCHES, -1))
