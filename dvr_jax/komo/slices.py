@@ -25,8 +25,9 @@ ACTIVE = 32
 """Rows of a slice that enter its Gauss-Newton matrix and gradient: those with the largest forces. More push only
 deep inside other bodies, where the largest are what matters."""
 
-FEW_PUSHING = 4
-"""Few rows of a path push: in 95 of 100 chunks of 60 slices no slice has more than so many."""
+GROUP = 4
+"""Rows that enter together. In 70 of 100 chunks of 60 keyframe slices, and in 95 of paths, no slice has more that push;
+in none of 4,800 more than 15."""
 
 
 class Slices(NamedTuple):
@@ -112,21 +113,29 @@ def distance_jacobian(measured: Measured, rows: Array) -> Array:
 
 def reduce_slices(measured: Measured, force: Array, curvature: Array, active: int = ACTIVE) -> Reduced:
     """Add up forces and curvatures (L, P) of the distances (as constraints g = -distance <= 0), of the ``active``
-    rows with the largest forces."""
+    rows with the largest forces.
+
+    In groups of `GROUP`, as many as some slice needs; to a slice that needs fewer the others add zeros, so that its
+    sums do not depend on its neighbours."""
+    L, _, C = measured.columns.shape
     # In float32: XLA's CPU backend has a selection for it, and sorts float64 whole, ten times slower.
-    _, rows = jax.lax.top_k(force.astype(jnp.float32), active)
+    _, rows = jax.lax.top_k(force.astype(jnp.float32), min(active, force.shape[1]))
     force, curvature = (jnp.take_along_axis(value, rows, axis=1) for value in (force, curvature))
-    J = materialize(distance_jacobian(measured, rows))
-    weighted, total = materialize((J * curvature[:, None], -(J * force[:, None]).sum(2)))
-    return Reduced(jnp.einsum("lip,ljp->lij", weighted, J), total)
+    needed = jnp.where(force > 0, jnp.arange(1, rows.shape[1] + 1), 0).max()
+    padding = [(0, 0), (0, -rows.shape[1] % GROUP)]
+    rows, force, curvature = (jnp.pad(value, padding) for value in (rows, force, curvature))
 
+    def add_group(state: tuple[Array, Reduced]) -> tuple[Array, Reduced]:
+        first, total = state
+        part, f, c = (jax.lax.dynamic_slice_in_dim(v, first, GROUP, axis=1) for v in (rows, force, curvature))
+        J = materialize(distance_jacobian(measured, part))
+        weighted, gradient = materialize((J * c[:, None], -(J * f[:, None]).sum(2)))
+        matrix = jnp.einsum("lip,ljp->lij", weighted, J)
+        return first + GROUP, Reduced(total.matrix + matrix, total.gradient + gradient)
 
-def reduce_path_slices(measured: Measured, force: Array, curvature: Array) -> Reduced:
-    """The same as `reduce_slices`, faster where no slice has more than `FEW_PUSHING` rows that push. Of keyframes,
-    of which many problems share a call, one problem's rounding would depend on the others."""
+    def some_left(state: tuple[Array, Reduced]) -> Array:
+        return state[0] < needed
 
-    def reduce_few(measured: Measured, force: Array, curvature: Array) -> Reduced:
-        return reduce_slices(measured, force, curvature, FEW_PUSHING)
-
-    crowded = ((force > 0).sum(axis=1) > FEW_PUSHING).any()
-    return jax.lax.cond(crowded, reduce_slices, reduce_few, measured, force, curvature)
+    nothing = Reduced(jnp.zeros((L, C, C), force.dtype), jnp.zeros((L, C), force.dtype))
+    _, total = jax.lax.while_loop(some_left, add_group, (jnp.zeros_like(needed), nothing))
+    return total

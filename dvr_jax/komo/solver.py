@@ -23,7 +23,7 @@ from dvr_jax.komo.constraints import Slopes, collect, lay_out
 from dvr_jax.komo.contacts import number_of_rows
 from dvr_jax.komo.lagrangian import EQUALITIES, WEIGHTS, Residuals, cost, gauss_newton_system, residuals, scales
 from dvr_jax.komo.problem import PARAMETERS, Problem, Variables
-from dvr_jax.komo.slices import Measured, Reduced, Slices, measure, reduce_path_slices, reduce_slices
+from dvr_jax.komo.slices import Measured, Reduced, Slices, measure, reduce_slices
 from dvr_jax.komo.verdict import Violations, measure_violations
 
 CHUNK = 60
@@ -180,9 +180,7 @@ def step(
 ) -> tuple[Lane, tuple[Slices, ...]]:
     """What follows the measuring of all chunks: the rest of an iteration in one program."""
     seen, pushes = materialize(judge(problems, settings, lanes, chunks))
-    is_path = lanes.x.q.shape[1] > lanes.x.m.shape[1]
-    reduce = reduce_path_slices if is_path else reduce_slices
-    reduced = materialize(tuple(reduce(chunk, *push) for chunk, push in zip(chunks, pushes, strict=True)))
+    reduced = materialize(tuple(reduce_slices(chunk, *push) for chunk, push in zip(chunks, pushes, strict=True)))
     return advance(problems, settings, lanes, seen, reduced)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dvr_jax.komo.modes import Attachment
-from dvr_jax.komo.slices import FEW_PUSHING, Slices, reduce_path_slices, reduce_slices
+from dvr_jax.komo.slices import ACTIVE, GROUP, Slices, distance_jacobian, reduce_slices
 from dvr_jax.komo.solver import CHUNK, LARGEST_CHUNK, cut_into_chunks
 
 
@@ -24,18 +24,34 @@ def test_chunks_hold_all_slices_in_their_order(number: int) -> None:
         np.testing.assert_array_equal(joined[..., :number], np.broadcast_to(index, (*joined.shape[:-1], number)))
 
 
-@pytest.mark.parametrize("pushing", [0, FEW_PUSHING, FEW_PUSHING + 1, 3 * FEW_PUSHING])
-def test_few_rows_give_the_same_as_many(path: Any, pushing: int) -> None:
-    """Of one slice so many rows push, of the others fewer."""
-    measured = path.results[2]
+def pushes(measured: Any, number: int, most: int) -> tuple[np.ndarray, np.ndarray]:
+    """Forces and curvatures of so many rows of the slice in the middle, and of at most ``most`` of the others."""
     L, P = measured.distance.shape
     generator = np.random.default_rng(0)
-    force, curvature = np.zeros((L, P)), np.zeros((L, P))
+    force, curvature = np.zeros((2, L, P))
     for index in range(L):
-        number = pushing if index == L // 2 else generator.integers(min(pushing, FEW_PUSHING) + 1)
-        rows = generator.permutation(P)[:number]
-        force[index, rows], curvature[index, rows] = generator.uniform(0.1, 10, (2, len(rows)))
-    ours, expected = (jax.jit(reduce)(measured, force, curvature) for reduce in (reduce_path_slices, reduce_slices))
-    assert (np.abs(expected.gradient).max() > 0) == (pushing > 0)
-    np.testing.assert_allclose(ours.matrix, expected.matrix, rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(ours.gradient, expected.gradient, rtol=1e-12, atol=1e-12)
+        others = generator.integers(most + 1)
+        rows = generator.permutation(P)[: number if index == L // 2 else others]
+        force[index, rows], curvature[index, rows] = generator.uniform(0.1, 10, (2, P))[:, rows]
+    return force, curvature
+
+
+@pytest.mark.parametrize("number", [0, 1, GROUP, GROUP + 1, 3 * GROUP, ACTIVE])
+def test_sums_are_those_of_all_rows(path: Any, number: int) -> None:
+    measured = path.results[2]
+    L, P = measured.distance.shape
+    force, curvature = pushes(measured, number, min(number, GROUP))
+    ours = jax.jit(reduce_slices)(measured, force, curvature)
+    J = np.asarray(distance_jacobian(measured, np.tile(np.arange(P), (L, 1))))
+    np.testing.assert_allclose(ours.matrix, np.einsum("lip,lp,ljp->lij", J, curvature, J), rtol=1e-10, atol=1e-10)
+    np.testing.assert_allclose(ours.gradient, -np.einsum("lip,lp->li", J, force), rtol=1e-10, atol=1e-10)
+    assert (np.abs(ours.gradient).max() > 0) == (number > 0)
+
+
+def test_a_slices_sums_do_not_depend_on_its_neighbours(path: Any) -> None:
+    measured = path.results[2]
+    middle = np.arange(len(measured.distance)) == len(measured.distance) // 2
+    few, many = (jax.jit(reduce_slices)(measured, *pushes(measured, number, 3)) for number in (3, ACTIVE))
+    for ours, theirs in zip(few, many, strict=True):
+        np.testing.assert_array_equal(np.asarray(ours)[~middle], np.asarray(theirs)[~middle])
+        assert (np.asarray(ours)[middle] != np.asarray(theirs)[middle]).any()
