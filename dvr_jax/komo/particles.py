@@ -24,8 +24,8 @@ from jax import Array
 from dvr_jax.compilation import Program
 from dvr_jax.geometry.vectors import Rotation, Vector, materialize
 from dvr_jax.komo.modes import Attachment
-from dvr_jax.komo.problem import FIXED, HELD_LEFT, PARAMETERS
-from dvr_jax.komo.proposals import NUMBERS, PROPOSE, Extension, Holding
+from dvr_jax.komo.problem import FIXED, HELD_LEFT, PARAMETERS, Problem
+from dvr_jax.komo.proposals import LARGEST_GRASP, NUMBERS, PROPOSE, Extension, Holding
 from dvr_jax.komo.slices import Slices, measure
 from dvr_jax.robot.inverse_kinematics import BRANCHES, arm_angles
 from dvr_jax.robot.kinematics import load_arm
@@ -82,6 +82,22 @@ def empty_prefix(number_of_objects: int, k_max: int) -> Particles:
         kind=np.full(N, FIXED, np.int32), face_yaw=zeros(N), parameters=zeros(B, N, PARAMETERS), violation=zeros(B),
         q=zeros(B, k_max, 14), m=zeros(B, k_max, PARAMETERS),
     )  # fmt: skip
+
+
+def held_prefix(problem: Problem, k_max: int, seed: int) -> Particles:
+    """Particles of a grasp that may be any within its bounds (`transcribe_switch`), without the batch axis."""
+    empty, item = empty_prefix(len(problem.half), k_max), problem.switched_object[0]
+    largest = np.array(LARGEST_GRASP)
+    limits = np.clip((problem.lower[0], problem.upper[0]), -largest, largest)
+    # Each parameter's range is divided evenly among the particles.
+    generator = np.random.default_rng([seed, PARTICLES])
+    rank = generator.permuted(np.tile(np.arange(PARTICLES), (PARAMETERS, 1)), axis=1)
+    share = (rank + generator.random(rank.shape)) / PARTICLES
+    grasps = (limits[0] + (limits[1] - limits[0]) * share.T).astype(np.float32)
+    empty.face_yaw[item] = problem.face_yaw[0]
+    empty.parameters[:, item] = empty.m[:, 0] = grasps
+    empty.q[:, 0] = problem.home
+    return empty._replace(kind=problem.attachment[1].astype(np.int32))
 
 
 @Program

@@ -23,6 +23,9 @@ NUMBERS = 10
 PITCH_RANGE = 1.75
 """Largest tilt of a proposed approach from straight down [rad]: 10 degrees past the horizontal."""
 
+LARGEST_GRASP = (1e3, 1e3, PITCH_RANGE, math.pi)
+"""Largest mode parameters of a proposed grasp, where its own bounds are wider [m, m, rad, rad]."""
+
 MEETING = ((-0.25, 0.25), (-0.4, 0.4), (0.15, 0.6))
 """Box in which objects are handed over [m]: within reach of both arms."""
 
@@ -104,7 +107,7 @@ def _held_frame(holding: Holding) -> tuple[Rotation, Vector]:
 
 def _sample_grasp(step: Extension, u: Array) -> tuple[Array, Rotation, Vector]:
     """Mode parameters (4, M, B, J) within their bounds, and the gripper in the object's frame."""
-    wide = jnp.asarray([1e3, 1e3, PITCH_RANGE, math.pi], u.dtype)
+    wide = jnp.asarray(LARGEST_GRASP, u.dtype)
     low, high = (jnp.clip(bound, -wide, wide).T[..., None, None] for bound in (step.lower, step.upper))
     m = materialize(low + (high - low) * u[:4, None])
     R, p, _, _ = materialize(grasp_frame(m, step.face_yaw[:, None, None]))

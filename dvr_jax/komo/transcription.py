@@ -200,3 +200,17 @@ def transcribe(scene: Scene, actions: Sequence[Action], ignored: Sequence[str] =
         share=np.ones((len(actions), 1)),
         offset=np.zeros((len(actions), 1, 14)),
     )
+
+
+def transcribe_switch(scene: Scene, before: Action, action: Action, ignored: Sequence[str] = ()) -> Problem:
+    """The keyframe NLP of an action alone, its object being held as an earlier grasp says: a relaxation of all
+    sequences in which the action follows that grasp as the next one on its object.
+
+    How the object came to be held is free: the first of the two slices is empty but for what the gripper holds, and
+    nothing is switched there."""
+    problem = transcribe(scene, [before, action], ignored)
+    attachment = problem.attachment.copy()
+    item = problem.switched_object[0]
+    attachment[0] = ABSENT
+    attachment[0, item] = attachment[1, item]
+    return problem._replace(attachment=attachment)

@@ -11,9 +11,9 @@ from typing import TypeVar
 
 from dvr_jax.komo.augmented import Settings
 from dvr_jax.komo.engine import Solved, adopt, keyframe_start, path_problem, path_start
-from dvr_jax.komo.particles import PARTICLES, UNREACHABLE, Particles
+from dvr_jax.komo.particles import PARTICLES, UNREACHABLE, Particles, held_prefix
 from dvr_jax.komo.problem import ABSENT, Variables
-from dvr_jax.komo.transcription import transcribe
+from dvr_jax.komo.transcription import transcribe, transcribe_switch
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.node import Node
 from dvr_jax.search.work import Extend, Solve, Steps
@@ -71,7 +71,10 @@ class NodeSolver:
         for first in range(0, len(nodes), BATCH):
             self.look_at_the_clock()
             part, names = nodes[first : first + BATCH], ignored[first : first + BATCH]
-            problems = [transcribe(self.scene, *args) for args in zip((n.actions for n in part), names, strict=True)]
+            problems = [
+                node.problem or transcribe(self.scene, node.actions, left_out)
+                for node, left_out in zip(part, names, strict=True)
+            ]
             parents = [self._parent_particles(*args) for args in zip(part, names, strict=True)]
             extended = yield Extend(parents, problems, seed)
             for node, problem, particles in zip(part, problems, extended, strict=True):
@@ -112,6 +115,16 @@ class NodeSolver:
         """Keyframe NLPs of nodes from every particle."""
         for group in _by_depth(nodes):
             yield from self._solve_from([node for node in group if _is_reached(node)], range(PARTICLES), bound)
+
+    def free_grasp(self, node: Node, ignored: Sequence[str]) -> None:
+        """Give a node of a grasp and the next action on the same object the problem of the latter alone, and a parent
+        whose particles hold the object anyhow."""
+        grasp, action = node.actions
+        node.problem = transcribe_switch(self.scene, grasp, action, ignored)
+        node.parent = Node((grasp,), 0, node.parent, reaches_goal=False, feasible=True)
+        assert node.parent.parent is not None and node.parent.parent.particles is not None
+        k_max = node.parent.parent.particles.q.shape[1]
+        node.parent.particles = held_prefix(node.problem, k_max, 0)
 
     def _parent_particles(self, node: Node, ignored: tuple[str, ...]) -> Particles:
         assert node.parent is not None and node.parent.particles is not None

@@ -5,7 +5,9 @@ Bounds of a node, each a relaxation of the next, so that infeasible under one me
 and for all descendants:
 
 - *symbolic*: the goal can be reached within K_max actions; no action is refuted by a constant of the scene;
-- *pose*: the keyframes of the actions on one object alone, all other objects that have moved left out;
+- *pose*: the keyframes of the actions on one object alone, all other objects that have moved left out; before them
+  the last switch alone, where the object is held: how it was grasped is free, so that one verdict, of two slices, is
+  shared by all sequences that end with the same grasp and the same action on the object;
 - *sequence*: the keyframes of the whole prefix;
 - *path*: the whole motion of a sequence that reaches the goal.
 
@@ -32,6 +34,9 @@ from dvr_jax.search.work import Steps
 _PoseKey = tuple[tuple[Action, ...], frozenset[str]]
 """Actions on one object, and the other objects that have moved meanwhile."""
 
+_Known = dict[tuple[Action, ...], dict[frozenset[str], Node]]
+"""Verdicts on actions on one object, by the other objects that have moved."""
+
 
 class SequenceTree:
     """Tree of one scene with its bounds; the searches decide what is computed and in which order."""
@@ -53,7 +58,9 @@ class SequenceTree:
         self.counts = self.solver.counts
         self.grounding: Grounding = ground_actions([item.name for item in scene.objects], scene.goal.object)
         self._refuted = {action: refute(scene, action) for action in self.grounding.actions}
-        self._poses: dict[tuple[Action, ...], dict[frozenset[str], Node]] = {}
+        self._poses: _Known = {}
+        self._switches: _Known = {}
+        """Of the last switch alone, by the grasp that holds the object and the action."""
         self.root = Node((), self.grounding.initial_state, None, reaches_goal=False, feasible=True)
         self.root.particles = empty_prefix(len(scene.objects), k_max)
 
@@ -131,12 +138,12 @@ class SequenceTree:
         """Whether a node may go on: False, and the node refuted, if some other node's pose bound refutes it too."""
         chain, ignored = self._chain(node)
         for length in range(1, len(chain) + 1 if node.feasible is not True else 0):
-            known = self._poses.get(chain[:length], {}).get(ignored)
-            if known is None:
-                break
-            if known.feasible is False:
-                node.refute("pose", known.violation)
-                break
+            part = chain[:length]
+            for judged in (self._poses.get(part), self._switches.get(part[-2:])):
+                known = judged.get(ignored) if judged else None
+                if known is not None and known.feasible is False:
+                    node.refute("pose", known.violation)
+                    return False
         return node.feasible is not False
 
     def _judge_chains(self, keys: list[_PoseKey]) -> Steps[None]:
@@ -154,17 +161,50 @@ class SequenceTree:
                 node = known[ignored] = Node(chain, 0, parent, False)
                 if not parent.feasible:
                     node.feasible, node.violation = False, parent.violation
-                elif not self._inherit(node, ignored):
+                elif not self._inherit(node, known, ignored):
                     fresh.append((node, ignored))
+            fresh = yield from self._pass_switches(fresh)
             ignored_names = [tuple(sorted(names)) for _, names in fresh]
             sampled += [node for node, _ in fresh]
             unproved += yield from self.solver.sample([node for node, _ in fresh], ignored_names, self.seed)
         yield from self.solver.solve(unproved, "pose")
         self._count("pose", sampled)
 
-    def _inherit(self, node: Node, ignored: frozenset[str]) -> bool:
-        """Whether the same chain is known to be feasible with fewer objects left out."""
-        for others, other in self._poses[node.actions].items():
+    def _pass_switches(self, nodes: list[tuple[Node, frozenset[str]]]) -> Steps[list[tuple[Node, frozenset[str]]]]:
+        """Those chains that are not refuted by their last switch alone."""
+        fresh: dict[tuple[tuple[Action, ...], frozenset[str]], Node] = {}
+        for node, ignored in nodes:
+            pair = node.actions[-2:]
+            # A chain of two is as cheap as its last switch, and where it is feasible, so is the switch.
+            if node.depth < 3 or pair[0].operator != "grasp":
+                continue
+            known = self._switches.setdefault(pair, {})
+            if ignored in known or any(
+                others <= ignored and other.feasible for others, other in self._poses.get(pair, {}).items()
+            ):
+                continue
+            switch = known[ignored] = Node(pair, 0, self.root, False)
+            if not self._inherit(switch, known, ignored):
+                fresh[pair, ignored] = switch
+        for (_, ignored), switch in fresh.items():
+            self.solver.free_grasp(switch, tuple(sorted(ignored)))
+        switches = list(fresh.values())
+        names = [tuple(sorted(ignored)) for _, ignored in fresh]
+        unproved = yield from self.solver.sample(switches, names, self.seed)
+        yield from self.solver.solve(unproved, "pose")
+        self._count("pose", switches)
+        passed = []
+        for node, ignored in nodes:
+            judged = self._switches.get(node.actions[-2:], {}).get(ignored)
+            if node.depth < 3 or judged is None or judged.feasible:
+                passed.append((node, ignored))
+            else:
+                node.feasible, node.violation = False, judged.violation
+        return passed
+
+    def _inherit(self, node: Node, known: dict[frozenset[str], Node], ignored: frozenset[str]) -> bool:
+        """Whether the same is known to be feasible with fewer objects left out."""
+        for others, other in known.items():
             if others < ignored and other.feasible:
                 node.feasible, node.problem = True, other.problem
                 node.particles = self.solver.leave_out(other.particles, ignored)

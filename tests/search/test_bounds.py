@@ -8,8 +8,12 @@ import pytest
 
 from dvr_jax.bench.recall import judge_prefix
 from dvr_jax.feasibility import passes_check
+from dvr_jax.komo.augmented import Settings
+from dvr_jax.komo.engine import keyframe_start, solve
 from dvr_jax.komo.particles import PARTICLES
-from dvr_jax.logic import Action
+from dvr_jax.komo.problem import Variables
+from dvr_jax.komo.transcription import transcribe_switch
+from dvr_jax.logic import Action, object_of
 from dvr_jax.scene.footprint import Rectangle, inside
 from dvr_jax.scene.sampling import SceneDistribution, scene_of_seed
 from dvr_jax.scene.types import Goal, Region, Scene, SceneObject
@@ -115,6 +119,75 @@ def test_with_nothing_left_out_the_pose_bound_is_the_sequence_bound() -> None:
     for name, theirs in expected.particles._asdict().items():
         ours = getattr(leaf.particles, name)
         np.testing.assert_array_equal(ours[:, : leaf.depth] if name in ("q", "m") else ours, theirs)
+
+
+CUBE = Scene(
+    (SceneObject("a", "box", (0.028, 0.026, 0.03), (-0.3, 0.1), 0.3),), Goal("a", Region((0.45, 0.1), 0.0, (0.1, 0.1)))
+)
+"""A cube that two grippers cannot hold at once, and that the right arm alone can put on its region."""
+
+
+def test_what_a_sequence_does_its_last_switch_can_do_alone() -> None:
+    scene, found = sampled(3), 0
+    with jax.enable_x64(True):
+        tree = SequenceTree(scene, k_max=4)
+        level = [tree.root]
+        for _ in range(3):
+            level = [child for node in level for child in tree.expand(node)]
+            run_alone(tree.judge_sequences(level))
+            level = [node for node in level if node.feasible]
+        for node in level:
+            assert node.problem is not None and node.particles is not None
+            name = object_of(node.actions[-1])
+            earlier = [action for action in node.actions[:-1] if object_of(action) == name]
+            if not earlier or earlier[-1].operator == "place":
+                continue
+            before = earlier[-1]
+            others = {object_of(action) for action in node.actions} - {name}
+            problem = transcribe_switch(scene, before, node.actions[-1], sorted(others))
+            whole = keyframe_start(node.particles, 0, node.depth)
+            held_by = node.problem.attached_by[node.depth - 1, node.problem.switched_object[-1]]
+            alone = Variables(np.stack([problem.home, whole.q[-1]]), whole.m[[held_by, -1]])
+            assert solve([problem], [alone], Settings())[0].feasible
+            found += 1
+    assert found > 20, found
+
+
+def test_a_switch_that_fails_alone_refutes_all_that_end_with_it() -> None:
+    # Out of the left arm's reach.
+    place = "place(left, a, goal)"
+    with jax.enable_x64(True):
+        tree = SequenceTree(CUBE, k_max=4)
+        first, second = (
+            leaf_of(tree, f"grasp(left, {face}, a)", "place(left, a, table)", "grasp(left, +y, a)", place)
+            for face in ("+x", "+y")
+        )
+        for depth in range(1, 5):
+            run_alone(tree.judge_poses([first.ancestor(depth)]))
+        assert first.parent is not None and first.parent.feasible and first.refuted_by == "pose"
+        run_alone(tree.judge_poses([second.ancestor(1), second.ancestor(2)]))
+        run_alone(tree.judge_poses([second.ancestor(3)]))
+        before = tree.counts.nlps["pose"], tree.counts.verdicts["pose"]
+        assert not tree.recall_pose(second) and second.refuted_by == "pose" and second.violation > 1
+    assert (tree.counts.nlps["pose"], tree.counts.verdicts["pose"]) == before
+
+
+def test_switches_alone_refute_nothing_that_the_sequence_bound_finds() -> None:
+    with jax.enable_x64(True):
+        whole, with_switches = SequenceTree(CUBE, k_max=5), SequenceTree(CUBE, k_max=5)
+        levels = [whole.root], [with_switches.root]
+        for depth in range(1, 5):
+            levels = tuple(  # type: ignore[assignment]
+                [child for node in level for child in tree.expand(node)]
+                for tree, level in zip((whole, with_switches), levels, strict=True)
+            )
+            run_alone(whole.judge_sequences(levels[0]))
+            run_alone(with_switches.judge_poses(levels[1]))
+            found = [{node.actions for node in level if node.feasible} for level in levels]
+            assert found[0] == found[1]
+            levels = tuple([node for node in level if node.feasible][:: 4 if depth > 1 else 1] for level in levels)  # type: ignore[assignment]
+    verdicts = [node.feasible for known in with_switches._switches.values() for node in known.values()]
+    assert verdicts.count(False) > 5 and verdicts.count(True) > 5
 
 
 def test_a_second_look_leaves_what_is_infeasible_refuted() -> None:
