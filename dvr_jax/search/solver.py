@@ -116,15 +116,14 @@ class NodeSolver:
         for group in _by_depth(nodes):
             yield from self._solve_from([node for node in group if _is_reached(node)], range(PARTICLES), bound)
 
-    def free_grasp(self, node: Node, ignored: Sequence[str]) -> None:
+    def free_grasp(self, node: Node, root: Node, ignored: Sequence[str], seed: int) -> None:
         """Give a node of a grasp and the next action on the same object the problem of the latter alone, and a parent
         whose particles hold the object anyhow."""
+        assert root.particles is not None
         grasp, action = node.actions
         node.problem = transcribe_switch(self.scene, grasp, action, ignored)
-        node.parent = Node((grasp,), 0, node.parent, reaches_goal=False, feasible=True)
-        assert node.parent.parent is not None and node.parent.parent.particles is not None
-        k_max = node.parent.parent.particles.q.shape[1]
-        node.parent.particles = held_prefix(node.problem, k_max, 0)
+        node.parent = Node((grasp,), 0, root, reaches_goal=False, feasible=True)
+        node.parent.particles = held_prefix(node.problem, root.particles.q.shape[1], seed)
 
     def _parent_particles(self, node: Node, ignored: tuple[str, ...]) -> Particles:
         assert node.parent is not None and node.parent.particles is not None

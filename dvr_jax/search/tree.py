@@ -34,6 +34,9 @@ from dvr_jax.search.work import Steps
 _PoseKey = tuple[tuple[Action, ...], frozenset[str]]
 """Actions on one object, and the other objects that have moved meanwhile."""
 
+SWITCH_LOOKS = 2
+"""Samples that have to fail before a last switch alone refutes what ends with it: that is a lot."""
+
 _Known = dict[tuple[Action, ...], dict[frozenset[str], Node]]
 """Verdicts on actions on one object, by the other objects that have moved."""
 
@@ -186,13 +189,14 @@ class SequenceTree:
             switch = known[ignored] = Node(pair, 0, self.root, False)
             if not self._inherit(switch, known, ignored):
                 fresh[pair, ignored] = switch
-        for (_, ignored), switch in fresh.items():
-            self.solver.free_grasp(switch, tuple(sorted(ignored)))
-        switches = list(fresh.values())
-        names = [tuple(sorted(ignored)) for _, ignored in fresh]
-        unproved = yield from self.solver.sample(switches, names, self.seed)
-        yield from self.solver.solve(unproved, "pose")
-        self._count("pose", switches)
+        for seed in range(self.seed, self.seed + SWITCH_LOOKS):
+            refuted = [(switch, tuple(sorted(names))) for (_, names), switch in fresh.items() if not switch.feasible]
+            for switch, left_out in refuted:
+                self.solver.free_grasp(switch, self.root, left_out, seed)
+            switches, ignored_names = [switch for switch, _ in refuted], [names for _, names in refuted]
+            unproved = yield from self.solver.sample(switches, ignored_names, seed)
+            yield from self.solver.solve(unproved, "pose")
+        self._count("pose", list(fresh.values()))
         passed = []
         for node, ignored in nodes:
             judged = self._switches.get(node.actions[-2:], {}).get(ignored)
