@@ -31,7 +31,7 @@ from dvr_jax.dataset.shards import list_shards, read_columns, write_shard
 from dvr_jax.errors import DvrError, run_command
 from dvr_jax.feasibility import passes_check
 from dvr_jax.processes import worker_processes
-from dvr_jax.scene.scene import load_scenes, scene_to_json
+from dvr_jax.scene.scene import are_equal_but_for_rounding, load_scenes, scene_from_json
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.work import run_together
 
@@ -145,8 +145,8 @@ def sweep(options: SweepOptions) -> None:
             raise DvrError(f"{info.path} comes of another sweep ({info.footer.options}); choose another --out.")
         if (writer := info.footer.versions["dvr_jax"]) != __version__:
             raise DvrError(f"{info.path} was made by dvr_jax {writer}, this is {__version__}; choose another --out.")
-        expected = [scene_to_json(scene) for scene in scenes[info.scenes.start : info.scenes.stop]]
-        if read_columns(info).json != expected:
+        labelled = map(scene_from_json, read_columns(info).json)
+        if not all(map(are_equal_but_for_rounding, labelled, scenes[info.scenes.start : info.scenes.stop])):
             raise DvrError(f"{info.path} holds other scenes than {options.scenes}; choose another --out.")
     covered = {index for info in done for index in info.scenes}
     todo = [

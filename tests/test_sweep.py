@@ -1,5 +1,6 @@
 """Sweeps: the same rows whatever shares a batch, and after a kill; what does not fit is refused."""
 
+import math
 import os
 import signal
 import subprocess
@@ -75,6 +76,11 @@ def test_a_killed_sweep_ends_with_the_same_rows(scenes: Path, tmp_path: Path) ->
     refused = sweep(scenes, tmp_path / "cut", "--seed", "1")
     assert refused.wait() == 2
     assert "comes of another sweep" in refused.stderr.read()  # type: ignore[union-attr]
+    # The same seed on another processor.
+    x, y = SCENES[0].objects[0].position
+    moved = replace(SCENES[0].objects[0], position=(math.nextafter(x, 1), y))
+    save_scenes(tmp_path / "rounded.jsonl", (replace(SCENES[0], objects=(moved,)), *SCENES[1:]))
+    assert sweep(tmp_path / "rounded.jsonl", tmp_path / "cut").wait() == 0
     save_scenes(tmp_path / "others.jsonl", SCENES[::-1])
     refused = sweep(tmp_path / "others.jsonl", tmp_path / "cut")
     assert refused.wait() == 2

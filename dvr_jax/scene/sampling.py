@@ -127,9 +127,14 @@ def _draw(
     if not occupied:
         return objects, goal, None
     occupant = (goal_index + int(generator.integers(1, number_of_objects))) % number_of_objects
-    offset = generator.uniform(-side / 4, side / 4, size=2) @ region.footprint.axes()
+    along, across = (float(share) for share in generator.uniform(-side / 4, side / 4, size=2))
+    # No matrix product: libraries order its sums by processor, and a seed's scenes should not depend on that.
+    cosine, sine = math.cos(region.yaw), math.sin(region.yaw)
+    position = (
+        region.position[0] + (along * cosine - across * sine),
+        region.position[1] + (along * sine + across * cosine),
+    )
     old = objects[occupant]
-    position = (region.position[0] + float(offset[0]), region.position[1] + float(offset[1]))
     objects[occupant] = SceneObject(old.name, old.shape, old.size, position, old.yaw)
     return objects, goal, occupant
 

@@ -2,15 +2,23 @@
 
 import dataclasses
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from dvr_jax.dataset.shards import read_shard
 from dvr_jax.errors import DvrError
 from dvr_jax.scene.footprint import contains_point, inside
 from dvr_jax.scene.mjcf import build_home_data, build_model
 from dvr_jax.scene.sampling import DEFAULT_DISTRIBUTION, SceneDistribution, sample_scene, sample_scenes
-from dvr_jax.scene.scene import Scene, scene_from_json, scene_to_json, validate_scene
+from dvr_jax.scene.scene import (
+    Scene,
+    are_equal_but_for_rounding,
+    scene_from_json,
+    scene_to_json,
+    validate_scene,
+)
 from dvr_jax.scene.workspace import BASE_POSITIONS, MAXIMUM_OPENING
 
 
@@ -48,6 +56,12 @@ def test_a_longer_draw_begins_with_the_shorter() -> None:
     assert len(set(long)) == 6
     assert list(sample_scenes(3, 2, 8)) != short
     assert list(sample_scenes(3, 2, 7)) == short
+
+
+def test_the_scenes_of_the_shipped_labels_are_drawn_again() -> None:
+    shipped = read_shard(Path("data/labels/train/labels-000000.parquet")).scenes
+    drawn = sample_scenes(len(shipped), 2, 100)
+    assert len(shipped) > 100 and all(map(are_equal_but_for_rounding, drawn, shipped))
 
 
 def test_half_of_the_targets_are_occupied() -> None:

@@ -14,6 +14,7 @@ from dvr_jax.scene.scene import (
     Region,
     Scene,
     SceneObject,
+    are_equal_but_for_rounding,
     load_scene,
     load_scenes,
     make_scene,
@@ -181,3 +182,19 @@ def test_touching_objects_are_valid() -> None:
     side = 0.1
     objects = [SceneObject(str(i), "box", (side, side, 0.1), (-0.2 + i * side, 0.0), 0.0) for i in range(4)]
     make_scene(objects, Goal("0", Region((0.3, 0.2), 0.0, (0.2, 0.2))))
+
+
+def test_scenes_that_differ_in_the_last_bit_are_one() -> None:
+    scene = scene_from_json(json.dumps(RECORD))
+    assert are_equal_but_for_rounding(scene, scene)
+    rounded = scene_from_json(changed("objects.0.position.0", math.nextafter(-0.4, 0)))
+    assert rounded != scene and are_equal_but_for_rounding(scene, rounded)
+    for path, value in (
+        ("objects.0.position.0", -0.4 + 1e-7),
+        ("goal.region.yaw", 0.1 - 1e-7),
+        ("objects.1.name", "pot"),
+        ("goal.object", "can"),
+    ):
+        assert not are_equal_but_for_rounding(scene, scene_from_json(changed(path, value))), path
+    fewer = Scene(scene.objects[:1], scene.goal)
+    assert not are_equal_but_for_rounding(scene, fewer) and not are_equal_but_for_rounding(fewer, scene)
