@@ -6,7 +6,11 @@ Both solvers run warm, in one process on one core. Keyframes: `robotic` solves i
 its tutorials do; ours is the sequence bound of every prefix, particles and NLPs from the best of them, without the
 company of other sequences that a search has, and without the second look at a sequence that it refutes.
 Paths: one NLP each, from the solver's own keyframes. Loading, set-up and compilation are not timed. `robotic`'s
-solutions are judged a second time, as points of our NLP by our measure; feasible paths by the independent check."""
+solutions are judged a second time, as points of our NLP by our measure; feasible paths by the independent check.
+
+`robotic` looks at slices alone, our paths have three samples a slice and are looked at between them, too. So paths are
+compared three times: both at the slices alone, which is the same problem; our paths as they are, with `robotic`'s of as
+many slices; and with `robotic`'s of three times as many."""
 
 from __future__ import annotations
 
@@ -45,7 +49,8 @@ from dvr_jax.check.replay import check_motion
 from dvr_jax.compilation import Program
 from dvr_jax.errors import DvrError
 from dvr_jax.komo.augmented import Settings
-from dvr_jax.komo.engine import STEPS_PER_PHASE, Solved, path_problem, stack
+from dvr_jax.komo.between import PATH_SAMPLES
+from dvr_jax.komo.engine import STEPS_PER_PHASE, Solved, path_problem, path_start, solve, stack
 from dvr_jax.komo.interpolation import interpolate
 from dvr_jax.komo.problem import Problem, Variables
 from dvr_jax.komo.solver import CHUNK, judge, lay_out_chunks, measure_chunk, start
@@ -66,8 +71,18 @@ feasible: by each one's own verdict (robotic's: its scaled violations add up to 
 inequalities apart). times: medians of CPU time [ms], first of problems that both find feasible, then of those that both
 try and find infeasible; ratio: robotic's median as a multiple of ours. by our measure: of the solutions that robotic
 calls feasible, those within our tolerances everywhere, and with paths looked at in their slices only. A solver has no
-path where it found no keyframes. check: feasible paths that the independent check accepts; of ours, also those accepted
-once solved again with twice the slices."""
+path where it found no keyframes. check: feasible paths that the independent check accepts."""
+
+FINER = PATH_SAMPLES
+"""Slices of `robotic`'s finer paths as a multiple of ours."""
+
+COMPARISONS = {
+    "keyframes": ("keyframes", "ours", "robotic"),
+    "paths, both at the same slices alone": ("path", "ours at slices", "robotic"),
+    "paths, ours free between its slices, too": ("path", "ours", "robotic"),
+    f"paths, ours the same, robotic's of {FINER} times the slices": ("path", "ours", "robotic finer"),
+}
+"""Title of each table: kind of problem, and the two that it holds side by side."""
 
 _T = TypeVar("_T")
 
@@ -151,22 +166,46 @@ def _our_keyframes(scene: Scene, actions: Sequence[Action], seed: int) -> tuple[
     return tree, node, {"feasible": bool(node.feasible), "seconds": cpu, "wall seconds": wall}
 
 
-def _our_path(tree: SequenceTree, node: Node) -> tuple[Solved, dict[str, Any]]:
-    run_alone(tree.solver.solve_path(node))
-    path, cpu, wall = time_call(lambda: run_alone(tree.solver.solve_path(node)))
-    row = {"feasible": path.feasible, "seconds": cpu, "wall seconds": wall, "iterations": path.iterations}
-    return path, {**row, "ratio": path.ratio}
+def _our_path(scene: Scene, node: Node, find: Callable[[], Solved]) -> dict[str, Any]:
+    find()  # the first time compiles
+    path, cpu, wall = time_call(find)
+    assert node.problem is not None
+    return {
+        "feasible": path.feasible,
+        "seconds": cpu,
+        "wall seconds": wall,
+        "iterations": path.iterations,
+        "ratio": path.ratio,
+        "passed": path.feasible and _passes(scene, node.actions, node.problem, path.q, path.m),
+    }
 
 
-def _peer_row(problem: Problem, actions: Sequence[Action], solved: PeerSolved) -> dict[str, Any]:
+def _path_at_slices(tree: SequenceTree, node: Node) -> Solved:
+    """Our path with distances at its slices alone."""
+    assert node.problem is not None
+    start = path_start(node.problem, tree.solver.path_keyframes(node)[0])
+    return solve([path_problem(node.problem, start, samples=1)], [start], tree.solver.settings)[0]
+
+
+def _peer_row(solved: PeerSolved) -> dict[str, Any]:
     return {
         "feasible": solved.feasible,
         "seconds": solved.seconds,
         "evaluations": solved.evaluations,
         "equalities": solved.equalities,
         "inequalities": solved.inequalities,
-        "our measure": judge_point(problem, to_variables(problem, actions, solved)),
     }
+
+
+def _peer_path(
+    peer: PeerScene, actions: Sequence[Action], problem: Problem, keyframes: PeerSolved, steps: int, seed: int
+) -> dict[str, Any]:
+    solved = solve_peer(peer, build_path(peer, actions, keyframes, steps), seed)
+    x = to_variables(problem, actions, solved)
+    row = _peer_row(solved)
+    if steps == STEPS_PER_PHASE:
+        row["our measure"] = judge_point(problem, x)
+    return {**row, "passed": solved.feasible and _passes(peer.scene, actions, problem, *x)}
 
 
 def compare(peer: PeerScene, actions: Sequence[Action], seed: int) -> dict[str, Any]:
@@ -175,18 +214,19 @@ def compare(peer: PeerScene, actions: Sequence[Action], seed: int) -> dict[str, 
     scene, problem = peer.scene, transcribe(peer.scene, actions)
     tree, node, ours = _our_keyframes(scene, actions, seed)
     keyframes = solve_peer(peer, build_keyframes(peer, actions), seed)
+    measured = judge_point(problem, to_variables(problem, actions, keyframes))
     row: dict[str, Any] = {
-        "keyframes": {"ours": ours, "robotic": _peer_row(problem, actions, keyframes)},
+        "keyframes": {"ours": ours, "robotic": {**_peer_row(keyframes), "our measure": measured}},
         "path": {},
     }
     if node.feasible:
-        path, result = _our_path(tree, node)
-        passed = path.feasible and _passes(scene, actions, problem, path.q, path.m)
-        row["path"]["ours"] = {**result, "passed": passed}
+        row["path"] = {
+            "ours": _our_path(scene, node, lambda: run_alone(tree.solver.solve_path(node))),
+            "ours at slices": _our_path(scene, node, lambda: _path_at_slices(tree, node)),
+        }
     if keyframes.feasible:
-        solved = solve_peer(peer, build_path(peer, actions, keyframes, STEPS_PER_PHASE), seed)
-        passed = solved.feasible and _passes(scene, actions, problem, *to_variables(problem, actions, solved))
-        row["path"]["robotic"] = {**_peer_row(problem, actions, solved), "passed": passed}
+        for name, steps in (("robotic", STEPS_PER_PHASE), ("robotic finer", FINER * STEPS_PER_PHASE)):
+            row["path"][name] = _peer_path(peer, actions, problem, keyframes, steps, seed)
     return row
 
 
@@ -223,6 +263,7 @@ def _header(options: PeersOptions) -> dict[str, object]:
     return {
         **chosen,
         "steps": STEPS_PER_PHASE,
+        "finer": FINER,
         "rounding": ROUNDING,
         "clearance": CLEARANCE,
         "robotic": version("robotic"),
@@ -241,9 +282,9 @@ def _results(options: PeersOptions) -> Iterator[dict[str, Any]]:
         yield from ledger.rows[index]["problems"]
 
 
-def _side_by_side(rows: Sequence[dict[str, Any]], kind: str) -> str:
+def _side_by_side(rows: Sequence[dict[str, Any]], kind: str, ours_name: str, their_name: str) -> str:
     """Verdicts and median times of the problems of one kind and length."""
-    pairs = [(row[kind].get("ours"), row[kind].get("robotic")) for row in rows]
+    pairs = [(row[kind].get(ours_name), row[kind].get(their_name)) for row in rows]
     verdicts = [tuple(side is not None and bool(side["feasible"]) for side in pair) for pair in pairs]
     counts = [verdicts.count(verdict) for verdict in ((True, True), (True, False), (False, True), (False, False))]
     cells = [f"{len(rows):>5} {counts[0]:>5} {counts[1]:>5} {counts[2]:>8} {counts[3]:>8}"]
@@ -254,18 +295,13 @@ def _side_by_side(rows: Sequence[dict[str, Any]], kind: str) -> str:
             if verdict == wanted and ours is not None and theirs is not None
         ]
         cells.append(_times(tried))
-    ours_found = [ours for ours, _ in pairs if ours is not None and ours["feasible"]]
-    found = [theirs for _, theirs in pairs if theirs is not None and theirs["feasible"]]
-
-    def within(name: str) -> int:
-        return sum(theirs["our measure"][name] <= 1 for theirs in found)
-
-    if kind == "keyframes":
-        cells.append(f"{within('ratio'):>4} of {len(found):>3}")
-    else:
-        cells.append(f"{within('ratio'):>4} {within('ratio at slices'):>4} of {len(found):>3}")
-        cells.append(f"{sum(ours['passed'] for ours in ours_found):>4} of {len(ours_found):>3}")
-        cells.append(f"{sum(theirs['passed'] for theirs in found):>4} of {len(found):>3}")
+    found = [[side for side in sides if side is not None and side["feasible"]] for sides in zip(*pairs, strict=True)]
+    measured = [theirs["our measure"] for theirs in found[1] if "our measure" in theirs]
+    names = ("ratio",) if kind == "keyframes" else ("ratio", "ratio at slices")
+    within = [sum(measure[name] <= 1 for measure in measured) for name in names] if measured else ["-" for _ in names]
+    cells.append(" ".join(f"{number:>4}" for number in within) + f" of {len(found[1]):>3}")
+    if kind == "path":
+        cells += [f"{sum(side['passed'] for side in sides):>4} of {len(sides):>3}" for sides in found]
     return " | ".join(cells)
 
 
@@ -278,20 +314,20 @@ def _times(pairs: Sequence[tuple[float, float]]) -> str:
 
 
 def print_tables(rows: Sequence[dict[str, Any]]) -> None:
-    """Verdicts and times by kind and length."""
+    """Verdicts and times of each comparison, by length and source."""
     print(LEGEND)
-    titles = {"keyframes": "by our measure", "path": "by our measure    | check: ours      | robotic's"}
-    for kind, title in titles.items():
-        print(f"\n{'':<10}{'':>5} {'feasible in':<29} | {'both feasible':<23} | {'both infeasible':<23} |")
+    for title, (kind, ours, theirs) in COMPARISONS.items():
+        last = "by our measure" if kind == "keyframes" else "by our measure    | check: ours | robotic's"
+        print(f"\n{title}\n{'':<10}{'':>5} {'feasible in':<29} | {'both feasible':<23} | {'both infeasible':<23} |")
         verdicts = f"{'count':>5} {'both':>5} {'ours':>5} {'robotic':>8} {'neither':>8}"
         times = f"{'ours':>7} {'robotic':>8} {'ratio':>6}"
-        print(f"{kind:<10}{verdicts} | {times} | {times} | {title}")
+        print(f"{'':<10}{verdicts} | {times} | {times} | {last}")
         # Paths: of what at least one of the two has tried.
         tried = [row for row in rows if row[kind]]
         for name in (*LENGTHS, "drawn", "found", "all"):
             chosen = [row for row in tried if name in (row["length"], row["source"], "all")]
             if chosen:
-                print(f"{name:<10}" + _side_by_side(chosen, kind))
+                print(f"{name:<10}" + _side_by_side(chosen, kind, ours, theirs))
 
 
 def run(arguments: list[str]) -> int:

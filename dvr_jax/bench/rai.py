@@ -63,7 +63,7 @@ _LEVELS = {
     "finger_left": -1,
     "finger_right": -1,
 }
-"""-n: the capsule does not meet its own link's n ancestors; this leaves the pairs of `dvr_jax.komo.contacts`."""
+"""-n: the capsule does not meet its own link's n ancestors; this leaves the pairs of `dvr_jax.komo.contact_rows`."""
 
 
 @cache

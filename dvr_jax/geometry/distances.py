@@ -48,8 +48,26 @@ def capsule_capsule(
 ) -> tuple[Array, Six]:
     """Signed distance and wrench of capsules with segment ends ``a0, a1`` and ``b0, b1``.
 
-    Exact wherever the two segments do not cross. (Closest points of segments: Ericson, Real-Time Collision Detection,
-    sec. 5.1.9.)"""
+    Exact wherever the two segments do not cross."""
+    between, on_b = _closest(a0, a1, b0, b1)
+    length, on_b = materialize(_length(between)), materialize(on_b)
+    return length - ra - rb, _wrench(on_b, between / length)
+
+
+def capsule_capsule_distance(
+    a0: Vector, a1: Vector, ra: Array | float, b0: Vector, b1: Vector, rb: Array | float
+) -> Array:
+    """The distance of `capsule_capsule` alone."""
+    return _length(_closest(a0, a1, b0, b1)[0]) - ra - rb
+
+
+def _length(a: Vector) -> Array:
+    return jnp.sqrt(dot(a, a) + TINY * TINY)
+
+
+def _closest(a0: Vector, a1: Vector, b0: Vector, b1: Vector) -> tuple[Vector, Vector]:
+    """Vector from the second segment's nearest point to the first one's, and the second's (Ericson, Real-Time Collision
+    Detection, sec. 5.1.9)."""
     da, db, r = a1 - a0, b1 - b0, a0 - b0
     aa, bb, ab, ar, br = materialize((dot(da, da), dot(db, db), dot(da, db), dot(da, r), dot(db, r)))
     denominator = aa * bb - ab * ab
@@ -58,10 +76,7 @@ def capsule_capsule(
     t = jnp.clip((ab * s + br) / bb, 0, 1)
     s = materialize(jnp.clip((ab * t - ar) / aa, 0, 1))
     t = materialize(jnp.clip((ab * s + br) / bb, 0, 1))
-    pb = b0 + t * db
-    between, pb = materialize((a0 + s * da - pb, pb))
-    length = materialize(jnp.sqrt(dot(between, between) + TINY * TINY))
-    return length - ra - rb, _wrench(pb, between / length)
+    return materialize(r + s * da - t * db), b0 + t * db
 
 
 def capsule_plane(a0: Vector, a1: Vector, radius: Array | float) -> tuple[Array, Six]:
@@ -157,14 +172,27 @@ class _Bracket(NamedTuple):
 
 
 SECTIONS = 8
-"""Equal parts of the bracket of which `capsule_prism` keeps one."""
+"""Equal parts of the bracket of which `nearest_on_axis` keeps one."""
 
 
 def capsule_prism(
     a0: Vector, a1: Vector, radius: Array | float, R: Rotation, p: Vector, half: Prism, guesses: int = 3
 ) -> tuple[Array, Six]:
     """Signed distance and wrench of capsules to prisms with pose ``R, p``. A prism is a box or a cylinder here: its
-    ``r`` is 0, or ``hx`` and ``hy`` are.
+    ``r`` is 0, or ``hx`` and ``hy`` are. (Exact where `nearest_on_axis` is.)"""
+    t = nearest_on_axis(a0, a1, R, p, half, guesses)
+    distance, gradient = materialize(point_prism(rotate_back(R, a0 + t * (a1 - a0) - p), half))
+    return distance - radius, axis_point_wrench(a0, a1, t, R, gradient)
+
+
+def axis_point_wrench(a0: Vector, a1: Vector, t: Array, R: Rotation, gradient: tuple[Array, Array, Array]) -> Six:
+    """Wrench of a capsule's distance to a prism of orientation ``R``, taken at the position ``t`` of its axis where
+    `point_prism` has this gradient."""
+    return _wrench(*materialize((a0 + t * (a1 - a0), rotate(R, gradient))))  # type: ignore[arg-type]
+
+
+def nearest_on_axis(a0: Vector, a1: Vector, R: Rotation, p: Vector, half: Prism, guesses: int = 3) -> Array:
+    """Position, from 0 to 1, of the point of a segment that is nearest to a prism.
 
     The distance of a point to a convex body is convex along the capsule's axis, so its minimum is bracketed by the
     sign of the slope. The bracket is cut where the distance has kinks, then to one of its `SECTIONS`, then by
@@ -202,10 +230,7 @@ def capsule_prism(
             )
         was_left, bracket = left, materialize(bracket)
     nearest = _meet(bracket.low, bracket.high, b0, d, half)
-    t = materialize(jnp.where(first >= 0, 0, jnp.where(last <= 0, 1, nearest)))
-    distance, gradient = materialize(point_prism(b0 + t * d, half))
-    normal = rotate(R, gradient)  # type: ignore[arg-type]
-    return distance - radius, _wrench(*materialize((a0 + t * (a1 - a0), normal)))
+    return materialize(jnp.where(first >= 0, 0, jnp.where(last <= 0, 1, nearest)))
 
 
 def _meet(low: Array, high: Array, b0: Vector, d: Vector, half: Prism) -> Array:

@@ -53,9 +53,9 @@ def _deviation(home: Floats, q: Floats, curve: PchipInterpolator, share: Floats)
     return np.asarray(curve(times) - line)
 
 
-def even_shares(T: int) -> Floats:
+def even_shares(T: int, samples: int = PATH_SAMPLES) -> Floats:
     """Samples (T, M) that divide each interval evenly."""
-    return np.tile(np.arange(1, PATH_SAMPLES + 1) / PATH_SAMPLES, (T, 1))
+    return np.tile(np.arange(1, samples + 1) / samples, (T, 1))
 
 
 class Looks(NamedTuple):

@@ -1,155 +1,163 @@
-"""Signed distances of everything that can touch, for many slices at once, with their contact wrenches.
+"""Signed distances of everything that can touch, for many slices at once, and the contact wrenches of chosen rows.
 
-Rows, in this order (C capsules an arm, N objects):
+Rows are those of `dvr_jax.komo.contact_rows`. One that does not count in a slice (an object and the hand that holds it,
+two objects that stand where the scene has them, an absent object) has the distance `FAR` and a zero wrench.
 
-- *arm rows*: capsule against capsule in rectangles of pairs (`_CROSS_PAIRS` between the arms, `_SELF_PAIRS` within
-each), then
-  capsule against the table;
-- *object rows*: every arm capsule (left arm's C, then the right's) against each object, object after object; object
-against the table;
-  object against object.
-
-A row that does not count in a slice (an object and the hand that holds it, two objects that stand where the scene has
-them, an absent object) has the distance `FAR` and a zero wrench."""
+A capsule's distance to an object is dear, and nearly all of them are far: there a lower bound is taken in its place,
+that of the capsule's bounding sphere (`NEAR`)."""
 
 from __future__ import annotations
 
-from functools import lru_cache
 from itertools import combinations
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from dvr_jax.geometry.distances import Prism, capsule_capsule, capsule_plane, capsule_prism, prism_plane, prism_prism
-from dvr_jax.geometry.vectors import Rotation, Six, Vector, materialize
+from dvr_jax.geometry.distances import (
+    Prism,
+    axis_point_wrench,
+    capsule_capsule,
+    capsule_capsule_distance,
+    capsule_plane,
+    nearest_on_axis,
+    point_prism,
+    prism_plane,
+    prism_prism,
+)
+from dvr_jax.geometry.vectors import Rotation, Six, Vector, materialize, rotate_back
+from dvr_jax.komo.contact_rows import (
+    ABOVE_TABLE,
+    CAPSULES,
+    CROSS_PAIRS,
+    HOLDING_CAPSULES,
+    SELF_PAIRS,
+    row_bodies,
+)
 from dvr_jax.komo.modes import ObjectPoses
 from dvr_jax.komo.problem import ABSENT, FIXED
 from dvr_jax.robot.kinematics import load_arm
-from dvr_jax.scene.workspace import NUMBER_OF_JOINTS
 
 FAR = 1.0
 """Distance given to rows that do not count [m]."""
 
-HOLDING_CAPSULES = ("hand", "finger_left", "finger_right")
-"""Capsules that touch the object which their arm holds."""
+NEAR = 0.03
+"""A capsule's bounding sphere that is further from an object stands for the capsule [m]. Such a row pushes only while
+its multiplier exceeds the penalty times this, which takes a penetration as deep at the last update."""
 
-_CAPSULES = ("column", "upper_arm", "elbow", "forearm", "wrist", "flange", "hand", "finger_left", "finger_right")
-_FOREARM_ON, _WRIST_ON, _FLANGE_ON, _ALL = slice(3, 9), slice(4, 9), slice(5, 9), slice(0, 9)
-
-_CROSS_PAIRS = ((_FOREARM_ON, slice(1, 9)), (slice(1, 3), _FOREARM_ON))
-"""Rectangles of capsules (left arm's, right arm's). With bases 1.5 m apart no column is in the other arm's reach, and
-upper arm and elbow of one arm cannot meet those of the other."""
-
-_SELF_PAIRS = ((slice(0, 1), _FOREARM_ON), (slice(1, 2), _WRIST_ON), (slice(2, 4), _FLANGE_ON))
-"""Rectangles of capsules of one arm: column against the forearm and beyond, upper arm against the wrist and beyond,
-elbow and forearm against the flange and beyond. All others are neighbours, or out of reach within the joint limits."""
-
-_TABLE = _FOREARM_ON
-"""Capsules that can reach the table; upper arm and elbow cannot within the joint limits."""
+GROUP = 4
+"""Distances of capsules to objects that are taken together in each slice, as many groups as some slice has near ones:
+on paths at most four are near, and one on average."""
 
 
-class Distances(NamedTuple):
-    """Signed distances and wrenches of L slices."""
+class Contacts(NamedTuple):
+    """What the wrenches of L slices come of (`row_wrenches`)."""
 
-    arm: Array
-    """(Pa, L) distances of the arm rows [m]."""
-    arm_wrench: Array
-    """(6, Pa, L)."""
-    object: Array
-    """(Po, L) distances of the object rows [m]."""
-    object_wrench: Array
-    """(6, Po, L)."""
-
-
-@lru_cache(maxsize=1)
-def arm_signs() -> np.ndarray:
-    """(14, Pa): how joint k moves the first body of an arm row minus how it moves the second (+1, 0, -1)."""
-    moves = capsule_moves().reshape(2 * NUMBER_OF_JOINTS, -1)
-    first, second = _pairs()
-    on_table = capsule_moves()[:, :, _TABLE].reshape(2 * NUMBER_OF_JOINTS, -1)
-    return np.concatenate([moves[:, first] - moves[:, second], on_table], axis=1)
+    ends: tuple[Vector, Vector]
+    """Ends of both arms' capsules, (3, 2 C, L) each."""
+    objects: tuple[Rotation, Vector, Prism]
+    """Poses and shapes of the objects, batch axes (N, L)."""
+    position: Array
+    """(2 C N, L) where on the axis of a capsule, from 0 to 1, its distance to an object is taken; -1 where the row does
+    not count."""
+    wrench: Six
+    """(6, Q, L) of the rows that have a capsule and the table, an object and the table, or two objects."""
 
 
-@lru_cache(maxsize=1)
-def capsule_moves() -> np.ndarray:
-    """(14, 2, C): 1 where a joint moves a capsule of an arm."""
-    arm = load_arm()
-    assert arm.capsule_names == _CAPSULES, arm.capsule_names
-    moves = np.zeros((2 * NUMBER_OF_JOINTS, 2, len(_CAPSULES)))
-    for a in range(2):
-        for c, link in enumerate(arm.capsule_links):
-            moves[a * NUMBER_OF_JOINTS : a * NUMBER_OF_JOINTS + link, a, c] = 1
-    return moves
+def _radii(dtype: jnp.dtype) -> np.ndarray:
+    """(2 C, 1) radii of both arms' capsules [m]."""
+    return np.tile(load_arm().capsule_radii, 2).astype(dtype)[:, None]
 
 
-@lru_cache(maxsize=8)
-def object_signs(number_of_objects: int) -> tuple[np.ndarray, np.ndarray]:
-    """Of the object rows: (14, Po) how the arm's joints move the capsule, and (N, Po) +1 where object n is the first
-    body of the row, -1 where it is the second."""
-    N, capsules = number_of_objects, 2 * len(_CAPSULES)
-    pairs = list(combinations(range(N), 2))
-    rows = N * capsules + N + len(pairs)
-    joints = np.zeros((2 * NUMBER_OF_JOINTS, rows))
-    joints[:, : N * capsules] = np.tile(capsule_moves().reshape(-1, capsules), N)
-    role = np.zeros((N, rows))
-    for n in range(N):
-        role[n, n * capsules : (n + 1) * capsules] = -1
-        role[n, N * capsules + n] = 1
-    for row, (first, second) in enumerate(pairs, start=N * capsules + N):
-        role[first, row], role[second, row] = 1, -1
-    return joints, role
+def _capsules_and_objects(
+    a: Vector, b: Vector, R: Rotation, p: Vector, half: Prism, ignored: Array
+) -> tuple[Array, Array]:
+    """Distances of capsules (3, 2 C, L) and objects (N, L), ``FAR`` where ignored (N 2 C, L), and where on the axes
+    they are taken."""
+    C, (N, L) = a.shape[1], p.shape[1:]
+    radii = _radii(a.dtype)
+    middle, along = materialize(((a + b) / 2, (b - a) / 2))
+    # What a sphere around the capsule comes closer than its middle.
+    reach = materialize(jnp.sqrt((along * along).sum(0)) + radii)
+    bound, _ = point_prism(rotate_back(R[:, :, :, None], middle[:, None] - p[:, :, None]), half[:, :, None])
+    bound = materialize(jnp.where(ignored, FAR, (bound - reach).reshape(N * C, L)))
+    near = bound < NEAR
+    rows = jnp.arange(N * C)[:, None]
+    # How many rows are near up to each one. (A sum in float32: counts are exact, and `cumsum` takes far longer.)
+    count = materialize(jnp.asarray(np.tri(N * C, dtype=np.float32)) @ near.astype(jnp.float32))
+    slots = jnp.arange(1, GROUP + 1, dtype=jnp.float32)[:, None, None]
+
+    def add_group(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        first, distance, position = state
+        # Row of each slot, (GROUP, N C, L); a slice that has fewer fills none, so that it does not depend on its
+        # neighbours.
+        taken = materialize(near & (count == first + slots))
+        row = materialize((rows * taken).sum(1))
+
+        def pick(value: Array, index: Array) -> Array:
+            return jnp.take_along_axis(value, jnp.broadcast_to(index, (*value.shape[:-2], GROUP, L)), axis=-2)
+
+        capsule, item = row % C, row // C
+        a0, a1 = materialize((pick(a, capsule), pick(b, capsule)))
+        pose = materialize((pick(R, item), pick(p, item), pick(half, item)))
+        t = nearest_on_axis(a0, a1, *pose)
+        point = materialize(rotate_back(pose[0], a0 + t * (a1 - a0) - pose[1]))
+        exact = materialize(point_prism(point, pose[2])[0] - jnp.take(jnp.asarray(radii[:, 0]), capsule))
+        for s in range(GROUP):
+            distance, position = (jnp.where(taken[s], new[s], old) for new, old in ((exact, distance), (t, position)))
+        return first + GROUP, distance, position
+
+    def some_left(state: tuple[Array, Array, Array]) -> Array:
+        return state[0] < count[-1].max()
+
+    middles = jnp.where(ignored, -1, jnp.full_like(bound, 0.5))
+    _, distance, position = jax.lax.while_loop(some_left, add_group, (jnp.zeros((), jnp.float32), bound, middles))
+    return distance, position
 
 
-def number_of_rows(number_of_objects: int) -> int:
-    """Number of arm rows and object rows together."""
-    return arm_signs().shape[1] + object_signs(number_of_objects)[1].shape[1]
-
-
-def _pairs() -> tuple[np.ndarray, np.ndarray]:
-    """Capsules (arm times C plus number) of all pairs of the arm rows."""
-    C = len(_CAPSULES)
-    pairs = []
-    for left, right in _CROSS_PAIRS:
-        pairs += [(i, C + j) for i in range(left.start, left.stop) for j in range(right.start, right.stop)]
-    for near, far in _SELF_PAIRS:
-        for arm in (0, C):
-            pairs += [(arm + i, arm + j) for i in range(near.start, near.stop) for j in range(far.start, far.stop)]
-    first, second = np.array(pairs).T
-    return first, second
-
-
-def _arm_rows(a: Vector, b: Vector) -> tuple[Array, Six]:
-    C, L = len(_CAPSULES), a.shape[-1]
-    both = np.tile(load_arm().capsule_radii, 2).astype(a.dtype)[:, None]
-    a, b = a.reshape(3, 2 * C, L), b.reshape(3, 2 * C, L)
-    i, j = _pairs()
-    between = capsule_capsule(*materialize((a[:, i], b[:, i])), both[i], *materialize((a[:, j], b[:, j])), both[j])
-    on_table = np.array([arm * C + c for arm in range(2) for c in range(_TABLE.start, _TABLE.stop)])
-    return _concatenate([between, capsule_plane(a[:, on_table], b[:, on_table], both[on_table])])
-
-
-def _concatenate(groups: list[tuple[Array, Six]]) -> tuple[Array, Six]:
-    """Rows of groups (p, L) with wrenches (6, p, L), one after the other."""
-    distances, wrenches = zip(*materialize(groups), strict=True)
-    return jnp.concatenate(distances), jnp.concatenate(wrenches, axis=1)
-
-
-def _object_rows(a: Vector, b: Vector, objects: ObjectPoses, half: Prism, kind: Array) -> tuple[Array, Six]:
-    N, L = kind.shape
-    C = len(_CAPSULES)
-    radii = np.tile(load_arm().capsule_radii, 2)[:, None].astype(a.dtype)
-    distance, wrench = capsule_prism(
-        a.reshape(3, 1, 2 * C, L), b.reshape(3, 1, 2 * C, L), radii,
-        objects.R[:, :, :, None], objects.p[:, :, None], half[:, :, None],
+def _between_capsules(a: Vector, b: Vector) -> Array:
+    """Distances of all pairs of capsules; rectangle by rectangle, since picking each pair's ends takes longer."""
+    L, radii = a.shape[-1], load_arm().capsule_radii.astype(a.dtype)[:, None]
+    both = slice(None)
+    rectangles = [(0, *pair, 1) for pair in CROSS_PAIRS] + [(both, *pair, both) for pair in SELF_PAIRS]
+    return jnp.concatenate(
+        [
+            capsule_capsule_distance(
+                a[:, i, near][..., None, :], b[:, i, near][..., None, :], radii[near, None],
+                a[:, j, far][..., None, :, :], b[:, j, far][..., None, :, :], radii[far],
+            ).reshape(-1, L)
+            for i, near, far, j in rectangles
+        ]
     )  # fmt: skip
-    holds = np.array([name in HOLDING_CAPSULES for name in _CAPSULES])
+
+
+def _masked(distance: Array, wrench: Six, ignored: Array) -> tuple[Array, Six]:
+    return jnp.where(ignored, FAR, distance), jnp.where(ignored, 0, wrench)
+
+
+def measure_contacts(a: Vector, b: Vector, objects: ObjectPoses, half: Prism, kind: Array) -> tuple[Array, Contacts]:
+    """Distances (P, L) of all rows in L slices [m], and what their wrenches come of.
+
+    Args:
+        a, b: ends of the capsules, (3, 2, C, L).
+        objects: poses, batch axes (N, L).
+        half: (4, N, L) shapes of the objects.
+        kind: (N, L) how each object is attached.
+    """
+    (N, L), C = kind.shape, len(CAPSULES)
+    between = _between_capsules(a, b)
+    a, b, radii = a.reshape(3, 2 * C, L), b.reshape(3, 2 * C, L), _radii(a.dtype)
+    on_table = np.array([arm * C + c for arm in range(2) for c in range(ABOVE_TABLE.start, ABOVE_TABLE.stop)])
+    others = [capsule_plane(a[:, on_table], b[:, on_table], radii[on_table])]
+
+    holds = np.array([name in HOLDING_CAPSULES for name in CAPSULES])
     touching = [objects.held[arm][:, None] & np.pad(holds, (arm * C, (1 - arm) * C))[:, None] for arm in range(2)]
     ignored = touching[0] | touching[1] | (kind == ABSENT)[:, None]
-    distance, wrench = _masked(distance, wrench, ignored)
-    groups = [(distance.reshape(-1, L), wrench.reshape(6, -1, L))]
-    groups.append(_masked(*prism_plane(objects.R, objects.p, half), ~objects.held.any(0)))
+    near, position = _capsules_and_objects(a, b, objects.R, objects.p, half, materialize(ignored.reshape(-1, L)))
+
+    others.append(_masked(*prism_plane(objects.R, objects.p, half), ~objects.held.any(0)))
     if N > 1:
         i, j = np.array(list(combinations(range(N), 2))).T
 
@@ -158,21 +166,31 @@ def _object_rows(a: Vector, b: Vector, objects: ObjectPoses, half: Prism, kind: 
 
         absent, fixed = kind == ABSENT, kind == FIXED
         ignored = absent[i] | absent[j] | (fixed[i] & fixed[j])
-        groups.append(_masked(*prism_prism(*materialize((*pick(i), *pick(j)))), ignored))
-    return _concatenate(groups)
+        others.append(_masked(*prism_prism(*materialize((*pick(i), *pick(j)))), ignored))
+    distances, wrenches = zip(*materialize(others), strict=True)
+    contacts = Contacts(
+        ends=(a, b),
+        objects=(objects.R, objects.p, half),
+        position=position,
+        wrench=jnp.concatenate(wrenches, axis=1),
+    )
+    return jnp.concatenate([between, distances[0], near, *distances[1:]]), contacts
 
 
-def _masked(distance: Array, wrench: Six, ignored: Array) -> tuple[Array, Six]:
-    return jnp.where(ignored, FAR, distance), jnp.where(ignored, 0, wrench)
+def row_wrenches(contacts: Contacts, rows: Array) -> Six:
+    """Wrenches (6, k, L) of the rows (k, L) of each slice: derivatives of their distances."""
+    (R, p, half), (a, b) = contacts.objects, contacts.ends
+    N, C = p.shape[1], a.shape[1]
+    first, second, pair, other = (jnp.take(jnp.asarray(table), rows) for table in row_bodies(N))
 
+    def pick(value: Array, index: Array) -> Array:
+        index = jnp.broadcast_to(jnp.maximum(index, 0), (*value.shape[:-2], *rows.shape))
+        return jnp.take_along_axis(value, index, axis=-2)
 
-def measure_distances(a: Vector, b: Vector, objects: ObjectPoses, half: Prism, kind: Array) -> Distances:
-    """Distances and wrenches of all rows in L slices.
-
-    Args:
-        a, b: ends of the capsules, (3, 2, C, L).
-        objects: poses, batch axes (N, L).
-        half: (4, N, L) shapes of the objects.
-        kind: (N, L) how each object is attached.
-    """
-    return Distances(*_arm_rows(a, b), *_object_rows(a, b, objects, half, kind))
+    a0, a1, b0, b1 = materialize(tuple(pick(end, index) for index in (first, second) for end in (a, b)))
+    R, p, half = materialize(tuple(pick(value, pair // C) for value in (R, p, half)))
+    t, stored = materialize((pick(contacts.position, pair), pick(contacts.wrench, other)))
+    _, of_capsules = capsule_capsule(a0, a1, 0.0, b0, b1, 0.0)
+    _, gradient = materialize(point_prism(materialize(rotate_back(R, a0 + t * (a1 - a0) - p)), half))
+    of_object = jnp.where(t < 0, 0, axis_point_wrench(a0, a1, t, R, gradient))
+    return jnp.where(second >= 0, of_capsules, jnp.where(pair >= 0, of_object, stored))

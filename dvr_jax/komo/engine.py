@@ -19,6 +19,7 @@ from dvr_jax.komo.augmented import FEASIBLE, ITERATION_LIMIT, RUNNING, Lane, Set
 from dvr_jax.komo.between import (
     BETWEEN_TOLERANCE,
     EXCHANGES,
+    PATH_SAMPLES,
     even_shares,
     look_between,
     move_samples,
@@ -144,11 +145,13 @@ def solve(problems: Sequence[Problem], starts: Sequence[Variables], settings: Se
     """Solve NLPs of one shape from one start each.
 
     Lanes that have ended are filled again once `REFILLED` of them wait, so that the slow ones hold nobody up. A path
-    whose motion penetrates between its samples goes on with other samples (`dvr_jax.komo.between`)."""
+    whose motion penetrates between its samples goes on with other samples (`dvr_jax.komo.between`); of one with samples
+    at its slices alone nothing else is looked at."""
     if not problems:
         return []
     T, K = len(starts[0].q), len(starts[0].m)
     is_path = T > K
+    is_looked_at = is_path and problems[0].share.shape[1] > 1
     lanes = PATH_LANES if is_path else max(CHUNK // K, 1)
     waiting = list(range(len(problems)))[::-1]
     results: list[Solved | None] = [None] * len(problems)
@@ -164,7 +167,7 @@ def solve(problems: Sequence[Problem], starts: Sequence[Variables], settings: Se
         states, chunks = iterate(batch_on_device, settings, states, chunks)
         status = np.asarray(states.status)
         ended = [lane for lane, i in enumerate(owner) if i is not None and status[lane] != RUNNING]
-        found = [lane for lane in ended if status[lane] == FEASIBLE] if is_path else []
+        found = [lane for lane in ended if status[lane] == FEASIBLE] if is_looked_at else []
         if found:
             looks = look_between(batch_on_device, states.x)
             # To change; the others stay where they are.
@@ -269,9 +272,10 @@ def path_start(problem: Problem, keyframes: Variables) -> Variables:
     return Variables(q.reshape(K * STEPS_PER_PHASE, -1), keyframes.m)
 
 
-def path_problem(problem: Problem, start: Variables) -> Problem:
+def path_problem(problem: Problem, start: Variables, samples: int = PATH_SAMPLES) -> Problem:
     """The path NLP of a sequence from its keyframe NLP: drawn to its start, and more so close to a switch, for the
-    arms that take part; both rest at the end; distances are taken on the motion through the start.
+    arms that take part; both rest at the end; distances are taken on the motion through the start, so many times an
+    interval (1: at the slices alone).
 
     Without it the shortest motion sweeps sideways into a grasp, and hops over the object's edge between two slices.
     """
@@ -286,7 +290,7 @@ def path_problem(problem: Problem, start: Variables) -> Problem:
     resting = np.array(problem.resting)
     resting[-1] = 1
     drawn = problem._replace(reference=start.q, attraction=attraction, resting=resting)
-    return place_samples(drawn, start.q, even_shares(T))
+    return place_samples(drawn, start.q, even_shares(T, samples))
 
 
 def _clear_postures(problem: Problem, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

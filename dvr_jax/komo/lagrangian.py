@@ -139,7 +139,7 @@ def gauss_newton_system(
     A = onto(share**2, A_sample)
     gradient_q = onto(share, g_sample)
     E_own = onto(share, E_sample)
-    mixed = None
+    mixed: Array | float = 0.0
     if M > 1:
         A += shifted(onto((1 - share) ** 2, A_sample))
         mixed = onto(share * (1 - share), A_sample)
@@ -183,7 +183,7 @@ def gauss_newton_system(
     gradient_q += force.limit[1] - force.limit[0] + drive * problem.attraction * (x.q - problem.reference)
 
     coupling = far_coupling = None
-    if mixed is not None:
+    if S > 1:
         r = drive * accelerations(problem, x.q)
         ahead = jnp.concatenate([r, jnp.zeros((2, r.shape[1]), dtype)])
         gradient_q += weights.acceleration * (r - 2 * ahead[1:-1] + ahead[2:])

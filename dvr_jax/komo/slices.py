@@ -2,8 +2,8 @@
 
 A slice knows neither its problem nor its horizon: keyframes and paths of any length are laid out as L slices, and what
 is compiled for some numbers of slices serves them all. Derivatives are contact wrenches times twists in closed form,
-never those of a whole slice (which cost 35 to 150 times the evaluation), and only those of the rows that push:
-most of a slice's hundred and more distances are not in contact."""
+never those of a whole slice (which cost 35 to 150 times the evaluation), and only of the rows that push: most of a
+slice's hundred and more distances are not in contact."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from jax import Array
 
 from dvr_jax.geometry.distances import Prism
 from dvr_jax.geometry.vectors import Rotation, Vector, materialize
-from dvr_jax.komo.contacts import arm_signs, measure_distances, object_signs
+from dvr_jax.komo.contact_rows import arm_signs, object_signs
+from dvr_jax.komo.contacts import Contacts, measure_contacts, row_wrenches
 from dvr_jax.komo.modes import Attachment, object_poses
 from dvr_jax.komo.problem import PARAMETERS
 from dvr_jax.robot.kinematics import capsule_segments, hand_pose, joint_screws, link_poses
@@ -25,7 +26,7 @@ ACTIVE = 32
 """Rows of a slice that enter its Gauss-Newton matrix and gradient: those with the largest forces. More push only
 deep inside other bodies, where the largest are what matters."""
 
-GROUP = 4
+PUSHING_GROUP = 4
 """Rows that enter together. In 70 of 100 chunks of 60 keyframe slices, and in 95 of paths, no slice has more that push;
 in none of 4,800 more than 15."""
 
@@ -47,9 +48,8 @@ class Measured(NamedTuple):
     """Geometry of L slices; C = 14 + 4 N columns: the joints, then parameter after parameter of every object."""
 
     distance: Array
-    """(L, P) signed distances [m], rows as in `dvr_jax.komo.contacts`."""
-    wrench: Array
-    """(L, 6, P) of each distance."""
+    """(L, P) signed distances [m], rows as in `dvr_jax.komo.contact_rows`."""
+    contacts: Contacts
     columns: Array
     """(L, 6, C) twist of each joint and, for each mode parameter that an object is attached by, of that object."""
     held: Array
@@ -79,12 +79,11 @@ def measure(slices: Slices) -> Measured:
     hand_R, hand_p = materialize(hand_pose(rotations, positions))
     screws = materialize(joint_screws(rotations, positions)).reshape(6, -1, L)
     objects = materialize(object_poses(slices.attached, hand_R, hand_p))
-    d = measure_distances(a, b, objects, slices.half, slices.attached.kind)
-    wrench = jnp.concatenate([d.arm_wrench, d.object_wrench], axis=1)
+    distance, contacts = measure_contacts(a, b, objects, slices.half, slices.attached.kind)
     columns = jnp.concatenate([screws, objects.twists.reshape(6, -1, L)], axis=1)
     return Measured(
-        distance=jnp.concatenate([d.arm, d.object]).T,
-        wrench=wrench.transpose(2, 0, 1),
+        distance=distance.T,
+        contacts=contacts,
         columns=columns.transpose(2, 0, 1),
         held=objects.held.astype(slices.q.dtype).transpose(2, 0, 1),
         hand_R=hand_R,
@@ -95,12 +94,12 @@ def measure(slices: Slices) -> Measured:
 
 def distance_jacobian(measured: Measured, rows: Array) -> Array:
     """Derivatives (L, C, k) of the distances ``rows`` (L, k) with respect to the columns of `Measured`."""
-    dtype, N = measured.wrench.dtype, measured.held.shape[2]
+    dtype, N = measured.distance.dtype, measured.held.shape[2]
     joints, role = object_signs(N)
     arm = jnp.asarray(arm_signs(), dtype)
     of_joints = jnp.concatenate([arm, jnp.asarray(joints, dtype)], axis=1)
     of_objects = jnp.concatenate([jnp.zeros((N, arm.shape[1]), dtype), jnp.asarray(role, dtype)], axis=1)
-    wrench = jnp.take_along_axis(measured.wrench, rows[:, None], axis=2)
+    wrench = row_wrenches(measured.contacts, rows.T).transpose(2, 0, 1)
     # A held object moves with its arm: its sign in a row is added to that of the arm's joints.
     own = jnp.take(of_objects, rows, axis=1).transpose(1, 0, 2)
     carried = sum(measured.held[:, :, n, None] * own[:, None, n] for n in range(N))
@@ -115,23 +114,23 @@ def reduce_slices(measured: Measured, force: Array, curvature: Array, active: in
     """Add up forces and curvatures (L, P) of the distances (as constraints g = -distance <= 0), of the ``active``
     rows with the largest forces.
 
-    In groups of `GROUP`, as many as some slice needs; to a slice that needs fewer the others add zeros, so that its
-    sums do not depend on its neighbours."""
+    In groups of `PUSHING_GROUP`, as many as some slice needs; to a slice that needs fewer the others add zeros, so that
+    its sums do not depend on its neighbours."""
     L, _, C = measured.columns.shape
     # In float32: XLA's CPU backend has a selection for it, and sorts float64 whole, ten times slower.
     _, rows = jax.lax.top_k(force.astype(jnp.float32), min(active, force.shape[1]))
     force, curvature = (jnp.take_along_axis(value, rows, axis=1) for value in (force, curvature))
     needed = jnp.where(force > 0, jnp.arange(1, rows.shape[1] + 1), 0).max()
-    padding = [(0, 0), (0, -rows.shape[1] % GROUP)]
+    padding = [(0, 0), (0, -rows.shape[1] % PUSHING_GROUP)]
     rows, force, curvature = (jnp.pad(value, padding) for value in (rows, force, curvature))
 
     def add_group(state: tuple[Array, Reduced]) -> tuple[Array, Reduced]:
         first, total = state
-        part, f, c = (jax.lax.dynamic_slice_in_dim(v, first, GROUP, axis=1) for v in (rows, force, curvature))
+        part, f, c = (jax.lax.dynamic_slice_in_dim(v, first, PUSHING_GROUP, axis=1) for v in (rows, force, curvature))
         J = materialize(distance_jacobian(measured, part))
         weighted, gradient = materialize((J * c[:, None], -(J * f[:, None]).sum(2)))
         matrix = jnp.einsum("lip,ljp->lij", weighted, J)
-        return first + GROUP, Reduced(total.matrix + matrix, total.gradient + gradient)
+        return first + PUSHING_GROUP, Reduced(total.matrix + matrix, total.gradient + gradient)
 
     def some_left(state: tuple[Array, Reduced]) -> Array:
         return state[0] < needed

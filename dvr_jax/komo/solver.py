@@ -20,7 +20,7 @@ from dvr_jax.komo import augmented
 from dvr_jax.komo.augmented import DURING, RUNNING, Judged, Lane, Settings, trial_point
 from dvr_jax.komo.banded import BorderedSystem, solve_bordered
 from dvr_jax.komo.constraints import Slopes, collect, lay_out
-from dvr_jax.komo.contacts import number_of_rows
+from dvr_jax.komo.contact_rows import number_of_rows
 from dvr_jax.komo.lagrangian import EQUALITIES, WEIGHTS, Residuals, cost, gauss_newton_system, residuals, scales
 from dvr_jax.komo.problem import PARAMETERS, Problem, Variables
 from dvr_jax.komo.slices import Measured, Reduced, Slices, measure, reduce_slices

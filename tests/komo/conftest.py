@@ -10,7 +10,7 @@ import pytest
 from komo_cases import Case, Floats, make_case
 
 from dvr_jax.komo.constraints import Rows, Slopes, collect, lay_out
-from dvr_jax.komo.contacts import arm_signs
+from dvr_jax.komo.contact_rows import arm_signs
 from dvr_jax.komo.problem import Problem, Variables
 from dvr_jax.komo.slices import Measured, distance_jacobian, measure
 

@@ -7,7 +7,7 @@ import numpy as np
 from komo_cases import SCENE, Case, Floats, pose_in_mode
 from scipy.spatial.transform import Rotation
 
-from dvr_jax.komo.contacts import _CROSS_PAIRS, _SELF_PAIRS, _TABLE
+from dvr_jax.komo.contact_rows import ABOVE_TABLE, CROSS_PAIRS, SELF_PAIRS
 from dvr_jax.scene.mjcf import CAPSULE_NAMES, build_home_data, build_model_spec, object_body_name, qpos_layout
 from dvr_jax.scene.workspace import ARM_NAMES
 
@@ -17,9 +17,9 @@ Names = tuple[str, str]
 def arm_pairs() -> list[Names]:
     """Geom names of the arm rows, in order."""
     left, right = ([f"{arm}/{name}" for name in CAPSULE_NAMES] for arm in ARM_NAMES)
-    pairs = [pair for first, second in _CROSS_PAIRS for pair in product(left[first], right[second])]
-    pairs += [pair for near, far in _SELF_PAIRS for arm in (left, right) for pair in product(arm[near], arm[far])]
-    return pairs + [(name, "top") for arm in (left, right) for name in arm[_TABLE]]
+    pairs = [pair for first, second in CROSS_PAIRS for pair in product(left[first], right[second])]
+    pairs += [pair for near, far in SELF_PAIRS for arm in (left, right) for pair in product(arm[near], arm[far])]
+    return pairs + [(name, "top") for arm in (left, right) for name in arm[ABOVE_TABLE]]
 
 
 def object_pairs() -> list[Names]:

@@ -85,7 +85,7 @@ def by_parameter(evaluated, numeric) -> tuple[Rows, Rows]:
 
 
 def groups(evaluated) -> dict[str, slice]:
-    """Rows by what they are about, in the order that `dvr_jax.komo.contacts` documents."""
+    """Rows by what they are about, in the order that `dvr_jax.komo.contact_rows` documents."""
     arm, N = evaluated.jacobians.arm_q.shape[-1], evaluated.case.problems.half.shape[1]
     table = arm + N * CAPSULES
     return {

@@ -6,9 +6,14 @@ import jax
 import numpy as np
 import pytest
 
+from dvr_jax.geometry.distances import capsule_prism
+from dvr_jax.komo.constraints import lay_out
+from dvr_jax.komo.contact_rows import arm_signs
+from dvr_jax.komo.contacts import FAR, GROUP, NEAR
 from dvr_jax.komo.modes import Attachment
-from dvr_jax.komo.slices import ACTIVE, GROUP, Slices, distance_jacobian, reduce_slices
+from dvr_jax.komo.slices import ACTIVE, PUSHING_GROUP, Slices, distance_jacobian, measure, reduce_slices
 from dvr_jax.komo.solver import CHUNK, LARGEST_CHUNK, cut_into_chunks
+from dvr_jax.robot.kinematics import load_arm
 
 
 @pytest.mark.parametrize("number", [1, 60, 61, 150, 180, 181, 210, 430])
@@ -24,6 +29,45 @@ def test_chunks_hold_all_slices_in_their_order(number: int) -> None:
         np.testing.assert_array_equal(joined[..., :number], np.broadcast_to(index, (*joined.shape[:-1], number)))
 
 
+@pytest.fixture(scope="module")
+def crowded(keyframes: Any) -> Slices:
+    """Slices of which some have an object a metre large, which the capsules of both arms are in or near."""
+    slices = jax.tree.map(np.asarray, lay_out(keyframes.case.problems, keyframes.case.x))
+    half = slices.half.copy()
+    half[:3, 0, ::3] = 0.5
+    return slices._replace(half=half)
+
+
+def near_and_exact(measured: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Distances (N, 2 C, L) of objects and capsules as measured, and those of all pairs one by one."""
+    R, p, half = measured.contacts.objects
+    a, b = measured.contacts.ends
+    radii = np.tile(load_arm().capsule_radii, 2)[:, None]
+    exact, _ = jax.jit(capsule_prism)(a[:, None], b[:, None], radii, R[:, :, :, None], p[:, :, None], half[:, :, None])
+    first = arm_signs().shape[1]
+    ours = np.asarray(measured.distance)[:, first : first + exact.shape[0] * exact.shape[1]]
+    return ours.T.reshape(exact.shape), np.asarray(exact)
+
+
+def test_near_capsules_have_their_distance_and_far_ones_a_bound(crowded: Slices) -> None:
+    ours, exact = near_and_exact(jax.jit(measure)(crowded))
+    counts = ours != FAR
+    near = counts & (ours < NEAR)
+    per_slice = near.sum((0, 1))
+    assert per_slice.max() > 2 * GROUP and per_slice.min() < GROUP
+    np.testing.assert_allclose(ours[near], exact[near], rtol=1e-12, atol=1e-12)
+    assert (ours[counts] <= exact[counts] + 1e-12).all()
+    assert not (counts & (exact < NEAR) & ~near).any()
+
+
+def test_a_slices_distances_do_not_depend_on_its_neighbours(crowded: Slices) -> None:
+    """Though some of them have more capsules near objects, so that more groups are taken."""
+    together = np.asarray(jax.jit(measure)(crowded).distance)
+    for index in (1, 2):
+        alone = jax.tree.map(lambda leaf, i=index: np.repeat(leaf[..., [i]], leaf.shape[-1], axis=-1), crowded)
+        np.testing.assert_array_equal(np.asarray(jax.jit(measure)(alone).distance)[index], together[index])
+
+
 def pushes(measured: Any, number: int, most: int) -> tuple[np.ndarray, np.ndarray]:
     """Forces and curvatures of so many rows of the slice in the middle, and of at most ``most`` of the others."""
     L, P = measured.distance.shape
@@ -36,11 +80,11 @@ def pushes(measured: Any, number: int, most: int) -> tuple[np.ndarray, np.ndarra
     return force, curvature
 
 
-@pytest.mark.parametrize("number", [0, 1, GROUP, GROUP + 1, 3 * GROUP, ACTIVE])
+@pytest.mark.parametrize("number", [0, 1, PUSHING_GROUP, PUSHING_GROUP + 1, 3 * PUSHING_GROUP, ACTIVE])
 def test_sums_are_those_of_all_rows(path: Any, number: int) -> None:
     measured = path.results[2]
     L, P = measured.distance.shape
-    force, curvature = pushes(measured, number, min(number, GROUP))
+    force, curvature = pushes(measured, number, min(number, PUSHING_GROUP))
     ours = jax.jit(reduce_slices)(measured, force, curvature)
     J = np.asarray(distance_jacobian(measured, np.tile(np.arange(P), (L, 1))))
     np.testing.assert_allclose(ours.matrix, np.einsum("lip,lp,ljp->lij", J, curvature, J), rtol=1e-10, atol=1e-10)
