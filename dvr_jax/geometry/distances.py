@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jax import Array
 
@@ -174,9 +175,12 @@ class _Bracket(NamedTuple):
 SECTIONS = 8
 """Equal parts of the bracket of which `nearest_on_axis` keeps one."""
 
+GUESSES = 10
+"""Evaluations by the rule of false position after that."""
+
 
 def capsule_prism(
-    a0: Vector, a1: Vector, radius: Array | float, R: Rotation, p: Vector, half: Prism, guesses: int = 3
+    a0: Vector, a1: Vector, radius: Array | float, R: Rotation, p: Vector, half: Prism, guesses: int = GUESSES
 ) -> tuple[Array, Six]:
     """Signed distance and wrench of capsules to prisms with pose ``R, p``. A prism is a box or a cylinder here: its
     ``r`` is 0, or ``hx`` and ``hy`` are. (Exact where `nearest_on_axis` is.)"""
@@ -191,15 +195,15 @@ def axis_point_wrench(a0: Vector, a1: Vector, t: Array, R: Rotation, gradient: t
     return _wrench(*materialize((a0 + t * (a1 - a0), rotate(R, gradient))))  # type: ignore[arg-type]
 
 
-def nearest_on_axis(a0: Vector, a1: Vector, R: Rotation, p: Vector, half: Prism, guesses: int = 3) -> Array:
+def nearest_on_axis(a0: Vector, a1: Vector, R: Rotation, p: Vector, half: Prism, guesses: int = GUESSES) -> Array:
     """Position, from 0 to 1, of the point of a segment that is nearest to a prism.
 
     The distance of a point to a convex body is convex along the capsule's axis, so its minimum is bracketed by the
     sign of the slope. The bracket is cut where the distance has kinks, then to one of its `SECTIONS`, then by
     ``guesses`` of the rule of false position: outside a box the slope of the squared distance is linear between kinks,
-    and the nearest point is exact. On a cylinder the distance is wrong by 1e-8 m in one of 1,000 cases, by 2e-5 m at
-    most. Where the capsule's *axis* enters the prism, the depth is that of the axis' deepest point; it is too small by
-    1 mm in one of 1,000 cases, by 5 mm at most."""
+    and the nearest point is exact; on a cylinder the distance is, to rounding. Where the capsule's *axis* enters the
+    prism, the depth is that of the axis' deepest point; it is too small by 0.03 mm in one of 1,000 cases, by 0.3 mm at
+    most."""
     b0, d = materialize((rotate_back(R, a0 - p), rotate_back(R, a1 - a0)))
 
     def cut(bracket: _Bracket, positions: Array) -> _Bracket:
@@ -215,20 +219,23 @@ def nearest_on_axis(a0: Vector, a1: Vector, R: Rotation, p: Vector, half: Prism,
     bracket = cut(_Bracket(zero, zero + 1, first, last), _kinks(b0, d, half))
     parts = [i / SECTIONS for i in range(1, SECTIONS)]
     bracket = cut(bracket, jnp.stack([bracket.low + part * (bracket.high - bracket.low) for part in parts]))
-    was_left = None
-    for _ in range(guesses):
+
+    def guess(_: int, state: tuple[_Bracket, Array, Array]) -> tuple[_Bracket, Array, Array]:
+        bracket, was_left, was_right = state
         gap = bracket.at_high - bracket.at_low
         step = -bracket.at_low * (bracket.high - bracket.low) / jnp.where(gap > 0, gap, 1)
         t = materialize(jnp.minimum(bracket.low + step, bracket.high))
         value = materialize(_slope(b0 + t * d, d, half))
         bracket, left = bracket.cut(t, value), value <= 0
-        if was_left is not None:
-            # Illinois rule: an end that stays twice holds false position up, so its value counts half.
-            bracket = bracket._replace(
-                at_low=jnp.where(~left & ~was_left, 0.5 * bracket.at_low, bracket.at_low),
-                at_high=jnp.where(left & was_left, 0.5 * bracket.at_high, bracket.at_high),
-            )
-        was_left, bracket = left, materialize(bracket)
+        # Illinois rule: an end that stays twice holds false position up, so its value counts half.
+        bracket = bracket._replace(
+            at_low=jnp.where(~left & was_right, 0.5 * bracket.at_low, bracket.at_low),
+            at_high=jnp.where(left & was_left, 0.5 * bracket.at_high, bracket.at_high),
+        )
+        return materialize((bracket, left, ~left))
+
+    never = jnp.zeros(zero.shape, bool)
+    bracket, _, _ = jax.lax.fori_loop(0, guesses, guess, (bracket, never, never))
     nearest = _meet(bracket.low, bracket.high, b0, d, half)
     return materialize(jnp.where(first >= 0, 0, jnp.where(last <= 0, 1, nearest)))
 

@@ -263,12 +263,9 @@ def path_start(problem: Problem, keyframes: Variables) -> Variables:
     leaving = np.concatenate([before[:1], going[:-1]])
     # The last interval before a switch is one of rest.
     tau = np.minimum(np.arange(1, STEPS_PER_PHASE + 1) / (STEPS_PER_PHASE - 1), 1)
-    q = np.empty((K, STEPS_PER_PHASE, keyframes.q.shape[1]))
-    for k in range(K):
-        knots = np.stack([before[k], leaving[k], coming[k], keyframes.q[k]])
-        # At rest at both ends: time runs as a cubic, and the joints as a monotone curve of it.
-        curve = PchipInterpolator([0.0, 0.25, 0.75, 1.0], knots, axis=0)
-        q[k] = curve(tau * tau * (3 - 2 * tau))
+    # At rest at both ends: time runs as a cubic, and the joints as a monotone curve of it.
+    curves = PchipInterpolator([0.0, 0.25, 0.75, 1.0], np.stack([before, leaving, coming, keyframes.q]), axis=0)
+    q = curves(tau * tau * (3 - 2 * tau)).swapaxes(0, 1)
     return Variables(q.reshape(K * STEPS_PER_PHASE, -1), keyframes.m)
 
 

@@ -85,7 +85,7 @@ def test_capsule_prism_with_the_axis_outside(kind: str) -> None:
 
 @KINDS
 def test_capsule_prism_with_the_axis_inside(kind: str) -> None:
-    """The depth is that of the axis' deepest point, to 1 mm with as few guesses as by default.
+    """The depth is that of the axis' deepest point, to 0.3 mm with as few guesses as by default.
 
     Not compared with MuJoCo: for capsules whose axis enters a box `mj_geomDistance` 4.0.0 reports up to 9 cm less than
     the depth of a single ball of the capsule, which is a lower bound.
@@ -100,7 +100,7 @@ def test_capsule_prism_with_the_axis_inside(kind: str) -> None:
     reference = (deepest - capsules.size[:, 0])[inside]
     assert_equal(distances(partial(capsule_prism, guesses=20), capsules, prisms)[inside], reference)
     ours = distances(capsule_prism, capsules, prisms)[inside]
-    np.testing.assert_allclose(ours, reference, atol=1e-3)
+    np.testing.assert_allclose(ours, reference, atol=3e-4)
 
 
 CYLINDER, BOX = (0, 0, 0.03, 0.08), (0.02, 0.05, 0.20, 0)
