@@ -50,10 +50,11 @@ from dvr_jax.compilation import Program
 from dvr_jax.errors import DvrError
 from dvr_jax.komo.augmented import Settings
 from dvr_jax.komo.between import PATH_SAMPLES
+from dvr_jax.komo.buckets import buckets
 from dvr_jax.komo.engine import STEPS_PER_PHASE, Solved, path_problem, path_start, solve, stack
 from dvr_jax.komo.interpolation import interpolate
 from dvr_jax.komo.problem import Problem, Variables
-from dvr_jax.komo.solver import CHUNK, judge, lay_out_chunks, measure_chunk, start
+from dvr_jax.komo.solver import judge, lay_out_chunks, measure_chunk, start
 from dvr_jax.komo.transcription import transcribe
 from dvr_jax.komo.verdict import PENETRATION_TOLERANCE
 from dvr_jax.logic import Action, Grounding
@@ -139,7 +140,7 @@ def judge_point(problem: Problem, x: Variables) -> dict[str, float]:
     if T > K:
         problem = path_problem(problem, x)
     # As many lanes as the solver has: its compiled program serves for the distances.
-    lanes = CHUNK // K if T == K else 1
+    lanes = buckets().chunk // K if T == K else buckets().path_lanes
     settings = jax.tree.map(np.asarray, Settings())
     batch: Problem = stack([problem] * lanes)
     states = start(batch, stack([x] * lanes), settings)

@@ -16,9 +16,10 @@ import tyro
 from dvr_jax.bench.recall import PROBLEMS, judge_prefix, random_keyframes, read_problems
 from dvr_jax.compilation import Program
 from dvr_jax.komo.augmented import Settings
+from dvr_jax.komo.buckets import buckets
 from dvr_jax.komo.engine import extend_prefixes, extension_lanes, keyframe_start, path_problem, path_start, solve, stack
 from dvr_jax.komo.slices import ACTIVE, reduce_slices
-from dvr_jax.komo.solver import CHUNK, judge, lay_out_chunks, measure_chunk, start
+from dvr_jax.komo.solver import judge, lay_out_chunks, measure_chunk, start
 from dvr_jax.komo.transcription import transcribe
 from dvr_jax.logic import Action
 from dvr_jax.scene.sampling import sample_scenes
@@ -57,9 +58,10 @@ def time_slices(number_of_objects: int, repeats: int) -> None:
     face = "+x" if scene.objects[scene.goal_index].half_extents[0] <= 0.04 else "+y"
     actions = [Action("grasp", ("left", face, name)), Action("place", ("left", name, "goal"))]
     problem = transcribe(scene, actions)
-    batch = stack([problem] * (CHUNK // 2))
+    chunk_size = buckets().chunk
+    batch = stack([problem] * (chunk_size // 2))
     settings = jax.tree.map(np.asarray, Settings())
-    lanes = start(batch, stack([random_keyframes(problem, generator) for _ in range(CHUNK // 2)]), settings)
+    lanes = start(batch, stack([random_keyframes(problem, generator) for _ in range(chunk_size // 2)]), settings)
     (chunk,) = lay_out_chunks(batch, lanes.x)
     measured = measure_chunk(chunk)
     _, (push,) = Program(judge)(batch, settings, lanes, (measured,))
@@ -69,7 +71,7 @@ def time_slices(number_of_objects: int, repeats: int) -> None:
         median_seconds(lambda: measure_chunk(chunk), repeats),
         median_seconds(lambda: reduce_chunk(measured, *push), repeats),
     ]
-    microseconds = [1e6 * part / CHUNK for part in parts]
+    microseconds = [1e6 * part / chunk_size for part in parts]
     print(
         f"Gauss-Newton system, {number_of_objects} objects ({rows} rows, {ACTIVE} in the matrix): "
         f"{sum(microseconds):.1f} us a slice ({microseconds[0]:.1f} values, {microseconds[1]:.1f} derivatives)"

@@ -25,21 +25,15 @@ from dvr_jax.komo.between import (
     move_samples,
     place_samples,
 )
+from dvr_jax.komo.buckets import buckets
 from dvr_jax.komo.particles import RANDOM_SHAPE, SHARES, Particles, case_of, extend
 from dvr_jax.komo.problem import HELD_LEFT, Problem, Variables
 from dvr_jax.komo.proposals import Extension
-from dvr_jax.komo.solver import CHUNK, iterate, lay_out_chunks, start, to_device
+from dvr_jax.komo.solver import iterate, lay_out_chunks, start, to_device
 from dvr_jax.komo.verdict import Violations
 from dvr_jax.robot.inverse_kinematics import shift_gripper
 from dvr_jax.scene.workspace import BASE_POSITIONS
 from dvr_jax.threads import linear_algebra_on_one_thread
-
-EXTENSION_LANES = 8
-"""Prefixes whose particles are extended side by side, where there are many."""
-FEW = 3
-"""Up to so many are extended one by one: one lane takes a quarter of the time of `EXTENSION_LANES`."""
-PATH_LANES = 1
-"""Paths that are solved side by side."""
 
 REFILLED = 0.25
 """Share of a batch's lanes that have ended when new problems take their places."""
@@ -115,7 +109,7 @@ def extension_lanes(problems: Sequence[Problem]) -> list[int]:
     A program of other lanes may round differently, so that who asks decides, and not who else is served with it."""
     kinds = [_extension_kind(problem) for problem in problems]
     counts = Counter(kinds)
-    return [1 if counts[kind] <= FEW else EXTENSION_LANES for kind in kinds]
+    return [1 if counts[kind] <= buckets().few else buckets().extension_lanes for kind in kinds]
 
 
 def extend_prefixes(
@@ -152,7 +146,7 @@ def solve(problems: Sequence[Problem], starts: Sequence[Variables], settings: Se
     T, K = len(starts[0].q), len(starts[0].m)
     is_path = T > K
     is_looked_at = is_path and problems[0].share.shape[1] > 1
-    lanes = PATH_LANES if is_path else max(CHUNK // K, 1)
+    lanes = buckets().path_lanes if is_path else max(buckets().chunk // K, 1)
     waiting = list(range(len(problems)))[::-1]
     results: list[Solved | None] = [None] * len(problems)
     exchanges, spent = np.zeros((2, lanes), int)

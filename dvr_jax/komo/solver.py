@@ -19,18 +19,13 @@ from dvr_jax.geometry.vectors import materialize
 from dvr_jax.komo import augmented
 from dvr_jax.komo.augmented import DURING, RUNNING, Judged, Lane, Settings, trial_point
 from dvr_jax.komo.banded import BorderedSystem, solve_bordered
+from dvr_jax.komo.buckets import buckets
 from dvr_jax.komo.constraints import Slopes, collect, lay_out
 from dvr_jax.komo.contact_rows import number_of_rows
 from dvr_jax.komo.lagrangian import EQUALITIES, WEIGHTS, Residuals, cost, gauss_newton_system, residuals, scales
 from dvr_jax.komo.problem import PARAMETERS, Problem, Variables
 from dvr_jax.komo.slices import Measured, Reduced, Slices, measure, reduce_slices
 from dvr_jax.komo.verdict import Violations, measure_violations
-
-CHUNK = 60
-"""Slices that one call measures, or a small multiple of it: keyframes of 1 to 6 actions and paths of 2, 4 and 6 fill
-it without a rest."""
-LARGEST_CHUNK = 180
-"""A path of six actions: in one call a slice takes two thirds of the time that it takes in three."""
 
 
 class Seen(NamedTuple):
@@ -79,9 +74,10 @@ def start(problems: Problem, x: Variables, settings: Settings) -> Lane:
 
 
 def _chunk_size(L: int) -> int:
-    """Size of the chunks that L slices are cut into: a multiple of `CHUNK`, so that few are compiled."""
-    pieces = -(-L // LARGEST_CHUNK)
-    return CHUNK * -(-L // (pieces * CHUNK))
+    """Size of the chunks that L slices are cut into: a multiple of the smallest, so that few are compiled."""
+    chunk = buckets().chunk
+    pieces = -(-L // buckets().largest_chunk)
+    return chunk * -(-L // (pieces * chunk))
 
 
 def cut_into_chunks(slices: Slices) -> tuple[Slices, ...]:

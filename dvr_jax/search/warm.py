@@ -12,7 +12,8 @@ import jax.numpy as jnp
 
 from dvr_jax.komo.augmented import Settings
 from dvr_jax.komo.between import look_between
-from dvr_jax.komo.engine import EXTENSION_LANES, extend_prefixes, path_problem, path_start, solve, stack
+from dvr_jax.komo.buckets import buckets
+from dvr_jax.komo.engine import extend_prefixes, path_problem, path_start, solve, stack
 from dvr_jax.komo.particles import empty_prefix
 from dvr_jax.komo.problem import PARAMETERS, Variables
 from dvr_jax.komo.transcription import transcribe
@@ -70,7 +71,7 @@ def warm_up(
         # In the order in which a search comes to need them. One that is guided extends particles itself meanwhile; the
         # prefixes and paths that it then has to solve are seldom the shortest or the longest, so these come last.
         keyframes, paths = ([partial(call, K) for K in lengths] for call in (solve_keyframes, solve_path))
-        many, few = partial(extend, EXTENSION_LANES), partial(extend, 1)
+        many, few = partial(extend, buckets().extension_lanes), partial(extend, 1)
         if network is None:
             jobs = [*keyframes, many, few, *paths]
         else:

@@ -9,9 +9,17 @@ from komo_cases import SCENE, SKELETONS
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from dvr_jax.bench.recall import random_keyframes
-from dvr_jax.komo import engine, solver
+from dvr_jax.komo import buckets, engine, solver
 from dvr_jax.komo.augmented import FEASIBLE, ITERATION_LIMIT, STAGNATED, Settings
-from dvr_jax.komo.engine import EXTENSION_LANES, FEW, extend_prefixes, extension_lanes, solve
+from dvr_jax.komo.buckets import CPU, Buckets
+from dvr_jax.komo.engine import (
+    Solved,
+    extend_prefixes,
+    extension_lanes,
+    path_problem,
+    path_start,
+    solve,
+)
 from dvr_jax.komo.particles import PARTICLES, Particles, empty_prefix
 from dvr_jax.komo.problem import Problem
 from dvr_jax.komo.transcription import transcribe
@@ -34,6 +42,29 @@ def test_solutions_do_not_depend_on_the_batch() -> None:
         assert alone.iterations == together[index].iterations
         np.testing.assert_array_equal(alone.q, together[index].q)
         np.testing.assert_array_equal(alone.m, together[index].m)
+
+
+def test_results_are_those_of_larger_buckets(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As an accelerator takes them: several paths side by side, and more slices than fit into a CPU's chunks."""
+    generator = np.random.default_rng(0)
+    problems = [transcribe(SCENE, skeleton[:2]) for skeleton in SKELETONS] * 2
+    starts = [random_keyframes(problem, generator) for problem in problems]
+    paths = [path_start(problem, start) for problem, start in zip(problems, starts, strict=True)]
+    few = Settings(iteration_limit=4)
+
+    def results() -> list[Solved]:
+        on_paths = [path_problem(problem, path) for problem, path in zip(problems, paths, strict=True)]
+        return solve(problems, starts, few) + solve(on_paths, paths, few)
+
+    small = results()
+    monkeypatch.setattr(buckets, "CPU", Buckets(240, 480, 4, 16, 0))
+    for ours, theirs in zip(results(), small, strict=True):
+        assert ours.iterations == theirs.iterations
+        np.testing.assert_allclose(ours.q, theirs.q, atol=1e-9)
+        np.testing.assert_allclose(ours.m, theirs.m, atol=1e-9)
+    root, grasps = empty_prefix(3, 4), [transcribe(SCENE, skeleton[:1]) for skeleton in SKELETONS]
+    assert extension_lanes(grasps) == [16] * len(grasps)
+    assert all(particles.violation.min() < 1 for particles in extend_prefixes([root] * 3, grasps, 5, [16] * 3))
 
 
 def test_linear_algebra_keeps_to_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -63,7 +94,7 @@ def test_feasible_means_within_the_tolerances() -> None:
     assert all(result.ratio > 1 for result in results if not result.feasible)
 
 
-@pytest.mark.parametrize("lanes", [1, EXTENSION_LANES])
+@pytest.mark.parametrize("lanes", [1, CPU.extension_lanes])
 def test_particles_do_not_depend_on_the_batch(lanes: int) -> None:
     grasps = [transcribe(SCENE, skeleton[:1]) for skeleton in SKELETONS]
     root = empty_prefix(3, 4)
@@ -81,9 +112,9 @@ def test_who_asks_decides_how_many_share_a_call() -> None:
     """And not who else is served with it: the first grasps of one search alone, and beside those of another."""
     few = [transcribe(SCENE, skeleton[:1]) for skeleton in SKELETONS]
     many = few * 2
-    assert len(few) == FEW
-    assert extension_lanes(few) == [1] * FEW
-    assert extension_lanes(many) == [EXTENSION_LANES] * len(many)
+    assert len(few) == CPU.few
+    assert extension_lanes(few) == [1] * CPU.few
+    assert extension_lanes(many) == [CPU.extension_lanes] * len(many)
     root = empty_prefix(3, 4)
 
     def ask(problems: list[Problem]) -> Steps[list[Particles]]:
@@ -93,5 +124,5 @@ def test_who_asks_decides_how_many_share_a_call() -> None:
     for index, beside in run_together([ask(few), ask(many)]):
         for ours, theirs in zip(jax.tree.leaves(beside), jax.tree.leaves(alone[index]), strict=True):
             np.testing.assert_array_equal(ours, theirs)
-    for ours, theirs in zip(jax.tree.leaves(alone[0]), jax.tree.leaves(alone[1][:FEW]), strict=True):
+    for ours, theirs in zip(jax.tree.leaves(alone[0]), jax.tree.leaves(alone[1][: CPU.few]), strict=True):
         np.testing.assert_allclose(ours, theirs, atol=1e-5)

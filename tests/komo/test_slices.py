@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 from dvr_jax.geometry.distances import capsule_prism
+from dvr_jax.komo.buckets import CPU
 from dvr_jax.komo.constraints import lay_out
 from dvr_jax.komo.contact_rows import arm_signs
 from dvr_jax.komo.contacts import FAR, GROUP, NEAR
 from dvr_jax.komo.modes import Attachment
 from dvr_jax.komo.slices import ACTIVE, PUSHING_GROUP, Slices, distance_jacobian, measure, reduce_slices
-from dvr_jax.komo.solver import CHUNK, LARGEST_CHUNK, cut_into_chunks
+from dvr_jax.komo.solver import cut_into_chunks
 from dvr_jax.robot.kinematics import load_arm
 
 
@@ -22,8 +23,8 @@ def test_chunks_hold_all_slices_in_their_order(number: int) -> None:
     attached = Attachment(*(index[None],) * len(Attachment._fields))
     chunks = cut_into_chunks(Slices(np.tile(index, (7, 2, 1)), np.tile(index, (2, 1)), attached, index[None, None]))
     sizes = {leaf.shape[-1] for leaf in jax.tree.leaves(chunks)}
-    assert len(sizes) == 1 and len(chunks) == -(-number // LARGEST_CHUNK)
-    assert sizes.pop() in range(CHUNK, LARGEST_CHUNK + 1, CHUNK)
+    assert len(sizes) == 1 and len(chunks) == -(-number // CPU.largest_chunk)
+    assert sizes.pop() in range(CPU.chunk, CPU.largest_chunk + 1, CPU.chunk)
     for leaves in zip(*map(jax.tree.leaves, chunks), strict=True):
         joined = np.concatenate(leaves, axis=-1)
         np.testing.assert_array_equal(joined[..., :number], np.broadcast_to(index, (*joined.shape[:-1], number)))
@@ -86,7 +87,7 @@ def test_sums_are_those_of_all_rows(path: Any, number: int) -> None:
     L, P = measured.distance.shape
     force, curvature = pushes(measured, number, min(number, PUSHING_GROUP))
     ours = jax.jit(reduce_slices)(measured, force, curvature)
-    J = np.asarray(distance_jacobian(measured, np.tile(np.arange(P), (L, 1))))
+    J = np.asarray(jax.jit(distance_jacobian)(measured, np.tile(np.arange(P), (L, 1))))
     np.testing.assert_allclose(ours.matrix, np.einsum("lip,lp,ljp->lij", J, curvature, J), rtol=1e-10, atol=1e-10)
     np.testing.assert_allclose(ours.gradient, -np.einsum("lip,lp->li", J, force), rtol=1e-10, atol=1e-10)
     assert (np.abs(ours.gradient).max() > 0) == (number > 0)
