@@ -1,4 +1,4 @@
-"""Command line `python -m dvr_jax.dataset DIR`: what a folder of shards holds, beside the paper's data."""
+"""Command line `python -m dvr_jax.dataset DIR ...`: what folders of shards hold, beside the paper's data."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,10 +13,10 @@ from dvr_jax.errors import run_command
 
 @dataclass(frozen=True)
 class DatasetOptions:
-    """Count the labels and training targets of a folder of shards."""
+    """Count the labels and training targets of folders of shards."""
 
-    directory: Annotated[Path, tyro.conf.Positional]
-    """Folder of shards (*.parquet)."""
+    data: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """Files of labelled sequences (*.parquet), or folders of them."""
     completions: int = 3
     """Continuations drawn of each refuted prefix."""
     k_max: int = 6
@@ -28,10 +28,10 @@ class DatasetOptions:
 def main() -> int:
     """Read the options, load, print the table."""
     options = tyro.cli(DatasetOptions, prog="python -m dvr_jax.dataset")
-    infos = find_shards(options.directory)
+    infos = find_shards(options.data)
     labels = count_labels(infos)
     known = count_infeasible_sequences(infos, options.k_max)
-    drawn = count_targets(load_examples(options.directory, options.completions, options.k_max, options.seed))
+    drawn = count_targets(load_examples(options.data, options.completions, options.k_max, options.seed))
     table: list[tuple[str, int, str]] = [
         ("scenes", labels.scenes, "30,000"),
         ("scenes with a solution", labels.solved, "25,736"),

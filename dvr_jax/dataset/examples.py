@@ -84,6 +84,18 @@ def load_examples(
     """
     if completions < 0 or k_max < 1:
         raise DvrError(f"completions is {completions} and k_max {k_max}; valid are at least 0 and at least 1.")
+    # Shard by shard: as lists, all sequences of a large data set take ten times the memory of their arrays.
+    parts = [_examples_of(info, completions, k_max, seed, solved_only) for info in find_shards(paths)]
+    first = np.cumsum([0, *(len(part.scenes) for part in parts)])
+    return Examples(
+        [scene for part in parts for scene in part.scenes],
+        np.concatenate([part.scene + number for part, number in zip(parts, first, strict=False)], dtype=np.int32),
+        *(np.concatenate(values) for values in list(zip(*parts, strict=True))[2:]),
+    )
+
+
+def _examples_of(info: ShardInfo, completions: int, k_max: int, seed: int, solved_only: bool) -> Examples:
+    """The examples of one shard."""
     scenes: list[Scene] = []
     scene: list[int] = []
     sequences: list[tuple[int, ...]] = []
@@ -91,22 +103,21 @@ def load_examples(
     values: list[NDArray[np.float32]] = []
     knowledge: list[list[bool]] = []
     refuted: list[int] = []
-    for info in find_shards(paths):
-        columns = read_columns(info)
-        for row, symbols, candidate in scenes_of(info, columns):
-            if solved_only and not columns.feasible[slice(*columns.label_ends[row : row + 2])].any():
-                continue  # before anything is drawn for it
-            generator = random.Random(f"{seed} {info.scenes[row]}")
-            own, verdicts, known = _expand(columns, row, candidate, symbols, completions, k_max, generator, str(info))
-            if not own or (solved_only and not any(verdicts)):
-                continue
-            scene += [len(scenes)] * len(own)
-            scenes.append(candidate)
-            sequences += own
-            feasible += verdicts
-            values += targets(own, verdicts)
-            knowledge += map(known.known_steps, own)
-            refuted += map(known.refuted_after, own)
+    columns = read_columns(info)
+    for row, symbols, candidate in scenes_of(info, columns):
+        if solved_only and not columns.feasible[slice(*columns.label_ends[row : row + 2])].any():
+            continue  # before anything is drawn for it
+        generator = random.Random(f"{seed} {info.scenes[row]}")
+        own, verdicts, known = _expand(columns, row, candidate, symbols, completions, k_max, generator, str(info))
+        if not own or (solved_only and not any(verdicts)):
+            continue
+        scene += [len(scenes)] * len(own)
+        scenes.append(candidate)
+        sequences += own
+        feasible += verdicts
+        values += targets(own, verdicts)
+        knowledge += map(known.known_steps, own)
+        refuted += map(known.refuted_after, own)
     length = np.array([len(sequence) for sequence in sequences], dtype=np.int32)
     filled = np.arange(k_max) < length[:, None]
     actions = np.full(filled.shape, PADDING, dtype=np.int32)
@@ -151,7 +162,8 @@ def find_shards(paths: str | Path | Iterable[str | Path]) -> list[ShardInfo]:
             raise DvrError(f"there is no file or folder {path}; valid are shards (*{SUFFIX}) and folders of them.")
         infos += list_shards(path) if path.is_dir() else [read_info(path)]
     if not infos:
-        raise DvrError(f"there is no shard in {', '.join(map(str, named)) or 'no path'}; valid are files *{SUFFIX}.")
+        where = f"in {', '.join(map(str, named))}" if named else "named"
+        raise DvrError(f"there is no shard {where}; valid are files *{SUFFIX} and folders of them.")
     # A folder is one sweep; different sweeps may be learned from together.
     infos.sort(key=lambda info: (str(info.path.parent.resolve()), info.footer.first, info.path.name))
     for before, info in pairwise(infos):
