@@ -9,8 +9,8 @@ Paths: one NLP each, from the solver's own keyframes. Loading, set-up and compil
 solutions are judged a second time, as points of our NLP by our measure; feasible paths by the independent check.
 
 `robotic` looks at slices alone, our paths have three samples a slice and are looked at between them, too. So paths are
-compared three times: both at the slices alone, which is the same problem; our paths as they are, with `robotic`'s of as
-many slices; and with `robotic`'s of three times as many."""
+compared three times: both with constraints at the same slices alone; our paths as they are, with `robotic`'s of as many
+slices; and with `robotic`'s of three times as many."""
 
 from __future__ import annotations
 
@@ -72,7 +72,8 @@ feasible: by each one's own verdict (robotic's: its scaled violations add up to 
 inequalities apart). times: medians of CPU time [ms], first of problems that both find feasible, then of those that both
 try and find infeasible; ratio: robotic's median as a multiple of ours. by our measure: of the solutions that robotic
 calls feasible, those within our tolerances everywhere, and with paths looked at in their slices only. A solver has no
-path where it found no keyframes. check: feasible paths that the independent check accepts."""
+path where it found no keyframes. Of finer paths our measure is not taken; robotic's own verdict is stricter there,
+since its sums have more terms. check: feasible paths that the independent check accepts."""
 
 FINER = PATH_SAMPLES
 """Slices of `robotic`'s finer paths as a multiple of ours."""

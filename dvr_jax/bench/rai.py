@@ -8,10 +8,12 @@ arms. The problem in its terms, with S steps a phase and switch k at time k = 1.
 - a place is a mode switch "stableOn" (x, y, yaw on the support: upright and at the right height by construction), with
   the footprint's corners within the support;
 - at every slice the sum of all penetrations is zero and joints are within their limits;
+- the arms that take part in a switch rest at it, and both at the end of a path;
 - costs: of keyframes the pull to home and squared differences of consecutive ones, of a path squared accelerations.
 
 Differences from `dvr_jax.komo`: boxes have edges rounded by `ROUNDING`; fingers stay open while they hold; a path is
-free of penetrations at its slices only, not between them; an object has no acceleration just after a switch, either."""
+free of penetrations at its slices only, not between them, and not drawn to its start; an object has no acceleration
+just after a switch, either."""
 
 from __future__ import annotations
 
@@ -231,7 +233,8 @@ def build_path(peer: PeerScene, actions: Sequence[Action], keyframes: PeerSolved
     komo.addControlObjective([], 2, 1e-1)
     _add_constraints(ry, komo, peer, actions)
     for k, (action, giver) in enumerate(zip(actions, _givers(actions), strict=True), start=1):
-        for arm in {ARMS.index(action.arguments[0]), *([] if giver is None else [giver])}:
+        taking_part = {ARMS.index(action.arguments[0]), *([] if giver is None else [giver])}
+        for arm in taking_part if k < len(actions) else range(len(ARMS)):
             komo.addObjective([k], ry.FS.qItself, list(peer.joints[arm]), ry.OT.eq, [1e1], [], 1)
     komo.initWithWaypoints(keyframes.waypoints, 1, True)
     return komo

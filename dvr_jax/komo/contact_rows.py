@@ -21,7 +21,7 @@ HOLDING_CAPSULES = ("hand", "finger_left", "finger_right")
 """Capsules that touch the object which their arm holds."""
 
 CAPSULES = ("column", "upper_arm", "elbow", "forearm", "wrist", "flange", "hand", "finger_left", "finger_right")
-_FOREARM_ON, _WRIST_ON, _FLANGE_ON, _ALL = slice(3, 9), slice(4, 9), slice(5, 9), slice(0, 9)
+_FOREARM_ON, _WRIST_ON, _FLANGE_ON = slice(3, 9), slice(4, 9), slice(5, 9)
 
 CROSS_PAIRS = ((_FOREARM_ON, slice(1, 9)), (slice(1, 3), _FOREARM_ON))
 """Rectangles of capsules (left arm's, right arm's). With bases 1.5 m apart no column is in the other arm's reach, and

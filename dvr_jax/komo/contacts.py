@@ -45,7 +45,7 @@ FAR = 1.0
 
 NEAR = 0.03
 """A capsule's bounding sphere that is further from an object stands for the capsule [m]. Such a row pushes only while
-its multiplier exceeds the penalty times this, which takes a penetration as deep at the last update."""
+its multiplier exceeds the penalty times this, which takes penetrations at updates that add up to as much."""
 
 GROUP = 4
 """Distances of capsules to objects that are taken together in each slice, as many groups as some slice has near ones:

@@ -150,6 +150,7 @@ def solve(problems: Sequence[Problem], starts: Sequence[Variables], settings: Se
     waiting = list(range(len(problems)))[::-1]
     results: list[Solved | None] = [None] * len(problems)
     exchanges, spent = np.zeros((2, lanes), int)
+    accepted = np.zeros(lanes, bool)
     owner = [waiting.pop() if waiting else None for _ in range(lanes)]
     settings = jax.tree.map(lambda value: np.asarray(value, float if isinstance(value, float) else np.int32), settings)
     batch: Problem = stack([problems[i or 0] for i in owner])
@@ -161,14 +162,15 @@ def solve(problems: Sequence[Problem], starts: Sequence[Variables], settings: Se
         states, chunks = iterate(batch_on_device, settings, states, chunks)
         status = np.asarray(states.status)
         ended = [lane for lane, i in enumerate(owner) if i is not None and status[lane] != RUNNING]
-        found = [lane for lane in ended if status[lane] == FEASIBLE] if is_looked_at else []
+        found = [lane for lane in ended if status[lane] == FEASIBLE and not accepted[lane]] if is_looked_at else []
         if found:
             looks = look_between(batch_on_device, states.x)
             # To change; the others stay where they are.
             states = states._replace(**{name: jax.tree.map(np.array, getattr(states, name)) for name in RESTARTED})
             depths = looks.depth.max(axis=(1, 2))
             for lane in found:
-                if depths[lane] <= BETWEEN_TOLERANCE:
+                accepted[lane] = depths[lane] <= BETWEEN_TOLERANCE
+                if accepted[lane]:
                     continue
                 if exchanges[lane] == EXCHANGES:
                     states.report.penetration[lane], states.status[lane] = depths[lane], ITERATION_LIMIT
@@ -194,7 +196,7 @@ def solve(problems: Sequence[Problem], starts: Sequence[Variables], settings: Se
             assert i is not None
             x, violations, iterations = jax.tree.map(lambda leaf, lane=lane: leaf[lane], final)
             results[i] = _solved(x, violations, spent[lane] + iterations, int(status[lane]))
-            exchanges[lane] = spent[lane] = 0
+            exchanges[lane] = spent[lane] = accepted[lane] = 0
             owner[lane] = waiting.pop() if waiting else None
         refilled = [lane for lane in ended if owner[lane] is not None]
         if refilled:
@@ -265,8 +267,8 @@ def path_start(problem: Problem, keyframes: Variables) -> Variables:
 
 def path_problem(problem: Problem, start: Variables, samples: int = PATH_SAMPLES) -> Problem:
     """The path NLP of a sequence from its keyframe NLP: drawn to its start, and more so close to a switch, for the
-    arms that take part; both rest at the end; distances are taken on the motion through the start, so many times an
-    interval (1: at the slices alone).
+    arms that take part; both rest at the end; distances are taken on the motion through the start, `PATH_SAMPLES` times
+    an interval, or once: at the slices alone.
 
     Without it the shortest motion sweeps sideways into a grasp, and hops over the object's edge between two slices.
     """

@@ -71,13 +71,14 @@ def warm_up(
         # In the order in which a search comes to need them. One that is guided extends particles itself meanwhile; the
         # prefixes and paths that it then has to solve are seldom the shortest or the longest, so these come last.
         keyframes, paths = ([partial(call, K) for K in lengths] for call in (solve_keyframes, solve_path))
-        many, few = partial(extend, buckets().extension_lanes), partial(extend, 1)
+        one_by_one = [1] if buckets().few else []
+        extensions = [partial(extend, lanes) for lanes in (*one_by_one, buckets().extension_lanes)]
         if network is None:
-            jobs = [*keyframes, many, few, *paths]
+            jobs = [*keyframes, *reversed(extensions), *paths]
         else:
             middle_out = sorted(range(k_max), key=lambda k: abs(k - (k_max - 1.5) / 2))
             jobs = [call[k] for some in (middle_out[:-2], middle_out[-2:]) for call in (keyframes, paths) for k in some]
-            jobs = [partial(_query, scene, k_max, network), *jobs, few, many]
+            jobs = [partial(_query, scene, k_max, network), *jobs, *extensions]
         for job in jobs:
             if stop():
                 return

@@ -88,6 +88,12 @@ def path() -> Evaluated:
     return Evaluated(make_case(steps=3, repeats=4, seed=0))
 
 
+@pytest.fixture(scope="session")
+def coarse_path() -> Evaluated:
+    """With distances at its slices alone."""
+    return Evaluated(make_case(steps=3, repeats=1, seed=0, samples=1))
+
+
 @pytest.fixture(params=["keyframes", "path"])
 def evaluated(request: pytest.FixtureRequest) -> Evaluated:
     return request.getfixturevalue(request.param)

@@ -104,8 +104,10 @@ def stack(problems: Sequence[Problem]) -> Problem:
     return jax.tree.map(lambda *leaves: np.stack(leaves), *problems)
 
 
-def make_case(steps: int, repeats: int, seed: int, level: bool = False) -> Case:
+def make_case(steps: int, repeats: int, seed: int, level: bool = False, samples: int = PATH_SAMPLES) -> Case:
     """All skeletons, each at ``repeats`` random points: joints near home, parameters within bounds or on the table.
+
+    ``samples``: of each slice of a path.
 
     ``level``: the hands turn about their vertical axes and hardly tilt, with the standing objects below them, so that
     faces of held and of standing objects face each other.
@@ -134,7 +136,7 @@ def make_case(steps: int, repeats: int, seed: int, level: bool = False) -> Case:
     problems = problems._replace(reference=reference, attraction=generator.uniform(0.1, 0.5, q.shape))
     if steps > 1:
         # Samples anywhere in the interval, and beside the line; the last one at the slice.
-        between = np.sort(generator.uniform(0, 1, (*q.shape[:2], PATH_SAMPLES - 1)), axis=-1)
+        between = np.sort(generator.uniform(0, 1, (*q.shape[:2], samples - 1)), axis=-1)
         offset = generator.normal(size=(*between.shape, q.shape[2])) * (0.003 if level else 0.03)
         problems = problems._replace(
             share=np.concatenate([between, np.ones((*q.shape[:2], 1))], axis=-1),

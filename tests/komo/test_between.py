@@ -2,6 +2,7 @@
 whose motion penetrates."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import islice
 
 import mujoco
@@ -12,8 +13,8 @@ from scipy.interpolate import PchipInterpolator
 from dvr_jax.bench.recall import PROBLEMS, judge_prefix, read_problems
 from dvr_jax.check import CheckReport
 from dvr_jax.check.replay import DEEPEST_CONTACT, check_motion
-from dvr_jax.komo import engine, interpolation
-from dvr_jax.komo.augmented import FEASIBLE, ITERATION_LIMIT
+from dvr_jax.komo import buckets, engine, interpolation
+from dvr_jax.komo.augmented import FEASIBLE, ITERATION_LIMIT, Settings
 from dvr_jax.komo.between import (
     BETWEEN_TOLERANCE,
     PATH_SAMPLES,
@@ -24,7 +25,7 @@ from dvr_jax.komo.between import (
     look_between,
     move_samples,
 )
-from dvr_jax.komo.engine import STEPS_PER_PHASE, Solved, keyframe_start, path_problem, path_start
+from dvr_jax.komo.engine import STEPS_PER_PHASE, Solved, keyframe_start, path_problem, path_start, solve
 from dvr_jax.komo.interpolation import interpolate
 from dvr_jax.komo.transcription import transcribe
 from dvr_jax.komo.verdict import REST_TOLERANCE
@@ -97,6 +98,39 @@ def test_exchanged_samples_end_in_a_motion_without_penetration(
     assert len(looks) > 1 and looks[0].depth.max() > DEEPEST_CONTACT
     assert path.feasible and path.status == FEASIBLE and path.ratio <= 1
     assert replay(scene, node, path).deepest_penetration <= BETWEEN_TOLERANCE
+
+
+def test_paths_side_by_side_are_those_one_by_one(looks: list[Looks], monkeypatch: pytest.MonkeyPatch) -> None:
+    """More paths than lanes; some penetrate between their samples at first, and no lane is looked at without need."""
+    monkeypatch.setenv("DVR_JAX_CACHE", "off")  # programs are kept by their shapes
+    tasks = []
+    rows = list(read_problems(PROBLEMS))
+    paths_of_two = [i for i, (*_, row) in enumerate(rows) if (row["kind"], row["length"]) == ("path", 2)]
+    for scene, actions, _ in (rows[number] for number in (*HANDOVERS, *paths_of_two[:5])):
+        node = run_alone(judge_prefix(SequenceTree(scene, k_max=6), actions))
+        start = path_start(node.problem, keyframe_start(node.particles, 0, 2))  # type: ignore[arg-type]
+        tasks.append((path_problem(node.problem, start), start))  # type: ignore[arg-type]
+    problems, starts = zip(*tasks, strict=True)
+    alone = [result for problem, start in tasks for result in solve([problem], [start], Settings())]
+    needed = len(looks)
+    assert needed > len(tasks)
+    monkeypatch.setattr(buckets, "CPU", replace(buckets.CPU, path_lanes=3))
+    together = solve(problems, starts, Settings())
+    assert len(looks) - needed <= needed
+    for ours, theirs in zip(together, alone, strict=True):
+        assert (ours.status, ours.iterations) == (theirs.status, theirs.iterations)
+        np.testing.assert_allclose(ours.q, theirs.q, atol=1e-6)
+
+
+def test_of_a_path_with_samples_at_its_slices_nothing_else_is_looked_at(
+    handover: tuple[Scene, SequenceTree, Node], looks: list[Looks]
+) -> None:
+    scene, _, node = handover
+    assert node.problem is not None and node.particles is not None
+    start = path_start(node.problem, keyframe_start(node.particles, 0, node.depth))
+    (path,) = solve([path_problem(node.problem, start, samples=1)], [start], Settings())
+    assert path.feasible and not looks
+    assert replay(scene, node, path).deepest_penetration > DEEPEST_CONTACT
 
 
 def test_a_motion_starts_and_ends_at_rest_and_keeps_to_the_limits(

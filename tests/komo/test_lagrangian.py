@@ -137,10 +137,13 @@ def second_differences(problem: Problem, q: Floats) -> Floats:
     return np.diff(np.concatenate([np.tile(problem.home, (2, 1)), q]), n=2, axis=0)
 
 
-@pytest.fixture(params=[0, 1, 2], ids=["handover", "place", "both"])
-def lagrangian(request: pytest.FixtureRequest, evaluated) -> Lagrangian:
+CASES = [(name, index) for name in ("keyframes", "path") for index in range(3)] + [("coarse_path", 2)]
+
+
+@pytest.fixture(params=CASES, ids=lambda case: f"{case[0]}-{('handover', 'place', 'both')[case[1]]}")
+def lagrangian(request: pytest.FixtureRequest) -> Lagrangian:
     """One point of each skeleton."""
-    return Lagrangian(evaluated, request.param)
+    return Lagrangian(request.getfixturevalue(request.param[0]), request.param[1])
 
 
 def test_accelerations_start_at_home_at_rest(path) -> None:
