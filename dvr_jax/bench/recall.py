@@ -28,9 +28,10 @@ from dvr_jax.errors import DvrError
 from dvr_jax.feasibility import passes_check
 from dvr_jax.files import write_whole
 from dvr_jax.komo.augmented import Settings
-from dvr_jax.komo.engine import Solved, path_problem, path_start, solve
+from dvr_jax.komo.engine import Solved, solve
 from dvr_jax.komo.problem import Problem, Variables
 from dvr_jax.komo.proposals import PITCH_RANGE
+from dvr_jax.komo.starts import path_problem, path_start
 from dvr_jax.komo.transcription import refute, transcribe
 from dvr_jax.logic import Action, Grounding, ground_actions
 from dvr_jax.processes import worker_processes

@@ -17,9 +17,10 @@ from dvr_jax.bench.recall import PROBLEMS, judge_prefix, random_keyframes, read_
 from dvr_jax.compilation import Program
 from dvr_jax.komo.augmented import Settings
 from dvr_jax.komo.buckets import buckets
-from dvr_jax.komo.engine import extend_prefixes, extension_lanes, keyframe_start, path_problem, path_start, solve, stack
+from dvr_jax.komo.engine import extend_prefixes, extension_lanes, solve, stack
 from dvr_jax.komo.slices import ACTIVE, reduce_slices
 from dvr_jax.komo.solver import judge, lay_out_chunks, measure_chunk, start
+from dvr_jax.komo.starts import keyframe_start, path_problem, path_start
 from dvr_jax.komo.transcription import transcribe
 from dvr_jax.logic import Action
 from dvr_jax.scene.sampling import sample_scenes

@@ -10,9 +10,10 @@ from dataclasses import dataclass, field
 from typing import TypeVar
 
 from dvr_jax.komo.augmented import Settings
-from dvr_jax.komo.engine import Solved, adopt, keyframe_start, path_problem, path_start
+from dvr_jax.komo.engine import Solved, adopt
 from dvr_jax.komo.particles import PARTICLES, UNREACHABLE, Particles, held_prefix
 from dvr_jax.komo.problem import ABSENT, Variables
+from dvr_jax.komo.starts import keyframe_start, path_problem, path_start
 from dvr_jax.komo.transcription import transcribe, transcribe_switch
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.node import Node

@@ -13,9 +13,10 @@ import jax.numpy as jnp
 from dvr_jax.komo.augmented import Settings
 from dvr_jax.komo.between import look_between
 from dvr_jax.komo.buckets import buckets
-from dvr_jax.komo.engine import extend_prefixes, path_problem, path_start, solve, stack
+from dvr_jax.komo.engine import extend_prefixes, solve, stack
 from dvr_jax.komo.particles import empty_prefix
 from dvr_jax.komo.problem import PARAMETERS, Variables
+from dvr_jax.komo.starts import path_problem, path_start
 from dvr_jax.komo.transcription import transcribe
 from dvr_jax.logic import Action
 from dvr_jax.scene.types import Scene

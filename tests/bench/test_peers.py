@@ -19,7 +19,7 @@ from dvr_jax.bench.rai import (
 )
 from dvr_jax.bench.recall import judge_prefix
 from dvr_jax.errors import DvrError
-from dvr_jax.komo.engine import STEPS_PER_PHASE
+from dvr_jax.komo.starts import STEPS_PER_PHASE
 from dvr_jax.komo.transcription import refute, transcribe
 from dvr_jax.logic import Action, ground_actions
 from dvr_jax.scene.mjcf import build_model, home_qpos, object_body_name, qpos_layout

@@ -25,8 +25,9 @@ from dvr_jax.komo.between import (
     look_between,
     move_samples,
 )
-from dvr_jax.komo.engine import STEPS_PER_PHASE, Solved, keyframe_start, path_problem, path_start, solve
+from dvr_jax.komo.engine import Solved, solve
 from dvr_jax.komo.interpolation import interpolate
+from dvr_jax.komo.starts import STEPS_PER_PHASE, keyframe_start, path_problem, path_start
 from dvr_jax.komo.transcription import transcribe
 from dvr_jax.komo.verdict import REST_TOLERANCE
 from dvr_jax.scene.mjcf import build_model

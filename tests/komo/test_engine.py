@@ -12,11 +12,7 @@ from dvr_jax.bench.recall import random_keyframes
 from dvr_jax.komo import buckets, engine, solver
 from dvr_jax.komo.augmented import FEASIBLE, ITERATION_LIMIT, STAGNATED, Settings
 from dvr_jax.komo.buckets import CPU, Buckets
-from dvr_jax.komo.engine import (
-    extend_prefixes,
-    extension_lanes,
-    solve,
-)
+from dvr_jax.komo.engine import extend_prefixes, extension_lanes, solve
 from dvr_jax.komo.particles import PARTICLES, Particles, empty_prefix
 from dvr_jax.komo.problem import Problem
 from dvr_jax.komo.transcription import transcribe

@@ -9,9 +9,10 @@ import pytest
 from dvr_jax.bench.recall import judge_prefix
 from dvr_jax.feasibility import passes_check
 from dvr_jax.komo.augmented import Settings
-from dvr_jax.komo.engine import keyframe_start, solve
+from dvr_jax.komo.engine import solve
 from dvr_jax.komo.particles import PARTICLES
 from dvr_jax.komo.problem import Variables
+from dvr_jax.komo.starts import keyframe_start
 from dvr_jax.komo.transcription import transcribe_switch
 from dvr_jax.logic import Action, object_of
 from dvr_jax.scene.footprint import Rectangle, inside
