@@ -14,7 +14,7 @@ from dvr_jax.files import write_whole
 TITLES = {
     "loss": "loss",
     "average_precision": "average precision of the steps",
-    "top1": "greedy sequence is a known solution",
+    "top1": "greedy sequence is feasible",
 }
 """Figure to the title of its curves."""
 

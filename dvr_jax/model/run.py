@@ -37,7 +37,7 @@ from dvr_jax.model.export import Header, Kind, export_weights
 from dvr_jax.model.history import History, save_curves
 from dvr_jax.model.images import LARGEST_HEIGHT, UNIT_HEIGHT, WHOLE_PIXEL, ImageStack, scene_images, stack_images
 from dvr_jax.model.network import NetworkConfig, Weights, initial_weights
-from dvr_jax.model.training import ADAM, Validation, train_step
+from dvr_jax.model.training import ADAM, Judge, Validation, train_step
 from dvr_jax.scene.pinhole import SCENE_CAMERA
 from dvr_jax.scene.types import Scene
 
@@ -156,8 +156,15 @@ class TrainingData:
     """Hash of the examples."""
 
 
-def prepare(options: TrainOptions, examples: Examples, held_out: Examples | None, say: Say = print) -> TrainingData:
-    """Check, split, render; `held_out` are separate held-out examples."""
+def prepare(
+    options: TrainOptions,
+    examples: Examples,
+    held_out: Examples | None,
+    say: Say = print,
+    judge: Judge | None = None,
+) -> TrainingData:
+    """Check, split, render; `held_out` are separate held-out examples, and the judge is asked about greedy sequences of
+    which labels say nothing."""
     options.check()
     examples = _weigh_unknown(examples, options.unknown)
     held_out = None if held_out is None else _weigh_unknown(held_out, options.unknown)
@@ -182,9 +189,9 @@ def prepare(options: TrainOptions, examples: Examples, held_out: Examples | None
         if seen := set(examples.scenes) & set(held_out.scenes):
             raise DvrError(f"--validation has {len(seen)} of the scenes of --data; valid are others.")
         other = _table(held_out.scenes, options, options.out / "validation_images.npz", say)
-        validation = Validation.of(held_out, other, np.arange(len(held_out.scene)), *limits)
+        validation = Validation.of(held_out, other, np.arange(len(held_out.scene)), *limits, judge)
     elif len(validation_rows):
-        validation = Validation.of(examples, table, validation_rows, *limits)
+        validation = Validation.of(examples, table, validation_rows, *limits, judge)
     return TrainingData(examples, table, draws, weight, validation, _fingerprint(examples))
 
 

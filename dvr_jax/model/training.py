@@ -7,7 +7,8 @@ Loss of a batch, with s_bk the logit of sequence b at step k, f_bk its target, m
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
@@ -18,14 +19,19 @@ import optax
 from numpy.typing import NDArray
 
 from dvr_jax.dataset import Examples
+from dvr_jax.logic import Action
 from dvr_jax.model.batches import Batch, SceneTable, assemble_batch
 from dvr_jax.model.export import Kind
 from dvr_jax.model.metrics import average_precision, greedy_sequences
 from dvr_jax.model.network import Parameters, Weights, encode_images, encode_symbols, run_sequence
+from dvr_jax.scene.types import Scene
 
 VALIDATION_BATCH = 64
 
 ADAM = optax.scale_by_adam()
+
+Judge = Callable[[Sequence[tuple[Scene, tuple[Action, ...]]]], Sequence[bool]]
+"""Says of sequences of scenes whether they are feasible."""
 
 
 def batch_logits(weights: Weights, height: jax.Array, masks: jax.Array, batch: Batch) -> jax.Array:
@@ -91,7 +97,11 @@ class Validation:
     kind: Kind
     positive_weight: float
     solutions: dict[int, frozenset[tuple[int, ...]]]
-    """Feasible sequences of the scenes that are searched greedily."""
+    """Feasible sequences, by the labels, of the scenes that are searched greedily."""
+    judge: Judge | None
+    """Asked about greedy sequences that are none of these; without it they count as infeasible."""
+    judged: dict[tuple[int, tuple[int, ...]], bool] = field(default_factory=dict)
+    """What it has said of scene and sequence."""
 
     @staticmethod
     def of(
@@ -102,6 +112,7 @@ class Validation:
         positive_weight: float,
         most_sequences: int,
         most_scenes: int,
+        judge: Judge | None = None,
     ) -> Validation:
         """At most so many of the sequences `rows`, and at most so many of their scenes that have a solution."""
         found: dict[int, set[tuple[int, ...]]] = {}
@@ -111,12 +122,11 @@ class Validation:
         # A classifier does not say what leads to the goal: there is no sequence to follow.
         scenes = _spread(np.array(sorted(found), np.int64), most_scenes if kind == "dvr" else 0)
         solutions = {int(scene): frozenset(found[int(scene)]) for scene in scenes}
-        return Validation(examples, table, _spread(rows, most_sequences), kind, positive_weight, solutions)
+        return Validation(examples, table, _spread(rows, most_sequences), kind, positive_weight, solutions, judge)
 
     def measure(self, weights: Weights) -> dict[str, float]:
         """Loss, average precision of the steps of full weight (where unknown targets weigh less: of the known ones)
-        and, of a dvr network, the share of scenes with a solution in which the greedy sequence is one of the feasible
-        ones."""
+        and, of a dvr network, the share of scenes with a solution in which the greedy sequence is feasible."""
         losses, totals, labels, scores = [], [], [], []
         scale = jnp.float32(self.positive_weight)
         for first in range(0, len(self.rows), VALIDATION_BATCH):
@@ -138,9 +148,21 @@ class Validation:
         if self.solutions:
             k_max = self.examples.actions.shape[1]
             sequences = greedy_sequences(weights, self.table, list(self.solutions), k_max)
-            hits = [taken in known for taken, known in zip(sequences, self.solutions.values(), strict=True)]
-            result["top1"] = float(np.mean(hits))
+            result["top1"] = float(np.mean(self._are_feasible(list(zip(self.solutions, sequences, strict=True)))))
         return result
+
+    def _are_feasible(self, taken: Sequence[tuple[int, tuple[int, ...]]]) -> list[bool]:
+        """Verdicts on sequences of scenes, by the labels or else by the judge; none is asked for twice."""
+        known = [sequence in self.solutions[scene] for scene, sequence in taken]
+        if self.judge is not None:
+            fresh = (task for task, feasible in zip(taken, known, strict=True) if not feasible and task[1])
+            unknown = [task for task in fresh if task not in self.judged]
+            tasks = []
+            for scene, sequence in unknown:
+                actions = self.table.groundings[scene].actions
+                tasks.append((self.examples.scenes[scene], tuple(actions[index] for index in sequence)))
+            self.judged.update(zip(unknown, self.judge(tasks) if tasks else [], strict=True))
+        return [feasible or self.judged.get(task, False) for task, feasible in zip(taken, known, strict=True)]
 
 
 def _spread(rows: NDArray[np.integer], most: int) -> NDArray[np.integer]:

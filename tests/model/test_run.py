@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import signal
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,8 @@ import dvr_jax
 from dvr_jax import train as command
 from dvr_jax.dataset import Examples, write_shard
 from dvr_jax.errors import DvrError, run_command
+from dvr_jax.feasibility import feasibility
+from dvr_jax.logic import Action, ground_actions
 from dvr_jax.model.batches import assemble_batch
 from dvr_jax.model.export import load_weights
 from dvr_jax.model.history import History, read_history
@@ -29,6 +32,8 @@ from dvr_jax.model.network import NetworkConfig, initial_weights
 from dvr_jax.model.predictor import Predictor
 from dvr_jax.model.run import TrainOptions, prepare, train
 from dvr_jax.model.training import evaluate_batch, train_step, weighted_loss
+from dvr_jax.scene.sampling import scene_of_seed
+from dvr_jax.scene.types import Scene
 
 EXAMPLES = sided_examples(16, 1)
 SMALL = NetworkConfig(image_size=24, channels=(3, 4, 4), dense=32, hidden=64)
@@ -89,6 +94,40 @@ def test_learns_which_arm_is_on_the_objects_side(tmp_path: Path) -> None:
     assert any(path.name.startswith("events.out") for path in (tmp_path / "events").iterdir())
     assert Image.open(tmp_path / "curves.png").size[0] > 800
     assert any("held out: loss" in line for line in lines)
+
+
+def test_greedy_sequences_that_no_label_knows_are_judged_once() -> None:
+    """And those that labels know are not asked about."""
+    asked: list[tuple[Scene, tuple[Action, ...]]] = []
+
+    def judge(tasks: Sequence[tuple[Scene, tuple[Action, ...]]]) -> list[bool]:
+        asked.extend(tasks)
+        return [actions[0].arguments[0] == "left" for _, actions in tasks]
+
+    options = replace(OPTIONS, validation_scenes=8, held_out=0.6)
+    weights = initial_weights(SMALL, 0)
+    by_labels, judged = (prepare(options, EXAMPLES, None, quiet, how).validation for how in (None, judge))
+    assert by_labels is not None and judged is not None
+    share, figure = by_labels.measure(weights)["top1"], judged.measure(weights)["top1"]
+    number = len(judged.solutions)
+    assert number >= 4 and len(asked) == round(number * (1 - share)) > 0
+    assert figure == pytest.approx(share + sum(actions[0].arguments[0] == "left" for _, actions in asked) / number)
+    for scene, actions in asked:
+        ground_actions([item.name for item in scene.objects], scene.goal.object).check_sequence(actions)
+    assert judged.measure(weights)["top1"] == figure and len(asked) == round(number * (1 - share))
+
+
+def test_the_planner_is_what_the_command_asks() -> None:
+    scene = scene_of_seed(1, 0, 1)
+    name = scene.goal.object
+    arms = ("left", "right")
+    tasks = [
+        (scene, (Action("grasp", (arm, face, name)), Action("place", (arm, name, "goal"))))
+        for arm in arms
+        for face in ("+x", "+y")
+    ]
+    expected = [verdict.feasible for verdict in feasibility(scene, [actions for _, actions in tasks])]
+    assert command.are_feasible(tasks) == expected
 
 
 def train_until_killed(options: TrainOptions) -> None:
