@@ -50,6 +50,7 @@ class Measured(NamedTuple):
     distance: Array
     """(L, P) signed distances [m], rows as in `dvr_jax.komo.contact_rows`."""
     contacts: Contacts
+    """What the wrenches of chosen rows come of."""
     columns: Array
     """(L, 6, C) twist of each joint and, for each mode parameter that an object is attached by, of that object."""
     held: Array
