@@ -1,7 +1,7 @@
 """Checkpoints of a training run: the only file that calls orbax-checkpoint.
 
 A checkpoint holds parameters, optimiser state, step and the seed of the order of the data (a batch is a function of
-seed and step, so the two are the whole state of that order), and the header of an export (`dvr_jax.model.export`)."""
+seed and step, so the two are the whole state of that order), and the header (`dvr_jax.model.header`)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import numpy as np
 import orbax.checkpoint as ocp
 
 from dvr_jax.errors import DvrError
-from dvr_jax.model.export import Header, checked_weights
+from dvr_jax.model.header import Header, checked_weights
 from dvr_jax.model.network import Weights, initial_weights
 
 _HEADER, _PARAMETERS, _REST = "header", "parameters", "rest"

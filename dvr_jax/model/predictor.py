@@ -28,7 +28,8 @@ from dvr_jax.compilation import Program
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import Grounding, ground_actions
 from dvr_jax.model.encoding import encode_actions, goal_tuple
-from dvr_jax.model.export import Header, Kind, load_weights
+from dvr_jax.model.export import load_weights
+from dvr_jax.model.header import Header, Kind
 from dvr_jax.model.images import SceneImages, scene_images, stack_images
 from dvr_jax.model.network import NetworkConfig, Weights, encode_images, encode_symbols, input_gates, step_from_gates
 from dvr_jax.scene.types import Scene

@@ -33,7 +33,8 @@ from dvr_jax.model.batches import (
     scene_table,
 )
 from dvr_jax.model.checkpoint import CheckpointFolder, TrainingState
-from dvr_jax.model.export import Header, Kind, export_weights
+from dvr_jax.model.export import export_weights
+from dvr_jax.model.header import Header, Kind
 from dvr_jax.model.history import History, save_curves
 from dvr_jax.model.images import LARGEST_HEIGHT, UNIT_HEIGHT, WHOLE_PIXEL, ImageStack, scene_images, stack_images
 from dvr_jax.model.network import NetworkConfig, Weights, initial_weights

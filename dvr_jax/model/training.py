@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from dvr_jax.dataset import Examples
 from dvr_jax.logic import Action
 from dvr_jax.model.batches import Batch, SceneTable, assemble_batch
-from dvr_jax.model.export import Kind
+from dvr_jax.model.header import Kind
 from dvr_jax.model.metrics import average_precision, greedy_sequences
 from dvr_jax.model.network import Parameters, Weights, encode_images, encode_symbols, run_sequence
 from dvr_jax.scene.types import Scene

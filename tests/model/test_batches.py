@@ -21,7 +21,7 @@ from dvr_jax.model.batches import (
     scene_table,
 )
 from dvr_jax.model.encoding import MIRRORED, SYMBOLS, direction
-from dvr_jax.model.export import Kind
+from dvr_jax.model.header import Kind
 from dvr_jax.model.images import scene_images, stack_images
 from dvr_jax.scene.sampling import sample_scenes
 

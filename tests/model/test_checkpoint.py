@@ -11,7 +11,8 @@ import pytest
 
 from dvr_jax.errors import DvrError
 from dvr_jax.model.checkpoint import CheckpointFolder, TrainingState
-from dvr_jax.model.export import Header, export_weights, load_weights
+from dvr_jax.model.export import export_weights, load_weights
+from dvr_jax.model.header import Header
 from dvr_jax.model.network import NetworkConfig, initial_weights
 from dvr_jax.model.predictor import Predictor
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from labelled import sided_examples
 
 from dvr_jax.model.batches import scene_table
-from dvr_jax.model.export import Header
+from dvr_jax.model.header import Header
 from dvr_jax.model.images import scene_images, stack_images
 from dvr_jax.model.metrics import average_precision, greedy_sequences
 from dvr_jax.model.network import NetworkConfig, initial_weights

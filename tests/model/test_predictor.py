@@ -12,7 +12,8 @@ from dvr_jax.errors import DvrError
 from dvr_jax.logic import FACES, enumerate_sequences
 from dvr_jax.model import predictor as module
 from dvr_jax.model.encoding import SYMBOLS, direction
-from dvr_jax.model.export import Header, export_weights
+from dvr_jax.model.export import export_weights
+from dvr_jax.model.header import Header
 from dvr_jax.model.images import BRIGHTNESS, WHOLE_PIXEL, depth_images, scene_images
 from dvr_jax.model.network import Network, NetworkConfig, initial_weights
 from dvr_jax.model.predictor import BATCH_SIZES, SHIPPED, Predictor, load_network
