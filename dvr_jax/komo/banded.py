@@ -45,12 +45,16 @@ class BorderedSystem(NamedTuple):
     """(M,)."""
 
 
+# Matrices that go to LAPACK are transposed, and its triangular solves are those from the right: it stores by columns what
+# XLA stores by rows, so nothing is rearranged, and OpenBLAS is nearly twice as fast that way round.
+
+
 def _inverse_factor(A: Array) -> Array:
     """Inverse of the lower Cholesky factor of a symmetric matrix ``(..., D, D)``; NaN where it is not positive
     definite."""
-    L = jnp.linalg.cholesky(A, symmetrize_input=False)
+    L = jnp.linalg.cholesky(A.swapaxes(-1, -2), symmetrize_input=False)
     identity = jnp.broadcast_to(jnp.eye(A.shape[-1], dtype=A.dtype), A.shape)
-    return triangular_solve(L, identity, left_side=True, lower=True)
+    return triangular_solve(L, identity, lower=True, transpose_a=True).swapaxes(-1, -2)
 
 
 def solve_bordered(system: BorderedSystem, damping: Array) -> tuple[Array, Array]:
@@ -70,27 +74,26 @@ def solve_bordered(system: BorderedSystem, damping: Array) -> tuple[Array, Array
     right = _in_pairs(right)
     W = own.shape[-1]
 
-    def forward(solved: Array, block: tuple[Array, ...]) -> tuple[Array, tuple[Array, Array]]:
+    def forward(before: Array, block: tuple[Array, ...]) -> tuple[Array, tuple[Array, Array]]:
         # With the factor L of a block, `solved` is L^-1 [coupling with the next block, right-hand sides].
         own, ahead, right = block
-        before = solved[:, :W].T @ solved
-        L = jnp.linalg.cholesky(own - before[:, :W], symmetrize_input=False)
+        L = jnp.linalg.cholesky((own - before[:, :W]).T, symmetrize_input=False)
         sides = jnp.concatenate([ahead, right - before[:, W:]], axis=1)
-        solved = triangular_solve(L, sides, left_side=True, lower=True)
-        return solved, (L, solved)
+        solved = triangular_solve(L, sides.T, lower=True, transpose_a=True).T
+        return solved[:, :W].T @ solved, (L.T, solved)
 
     start = jnp.zeros((W, W + right.shape[-1]), A.dtype)
-    _, (L, solved) = jax.lax.scan(forward, start, (own, ahead, right))
+    _, (U, solved) = jax.lax.scan(forward, start, (own, ahead, right))
     reduced = solved[..., W:]
     dm = _solve_corner(system, reduced, damping)
     y = reduced[..., -1] - reduced[..., :-1] @ dm
 
     def backward(after: Array, block: tuple[Array, ...]) -> tuple[Array, Array]:
-        L, ahead, y = block
-        x = triangular_solve(L, (y - ahead @ after)[:, None], left_side=True, lower=True, transpose_a=True)[:, 0]
+        U, ahead, y = block
+        x = triangular_solve(U.T, (y - ahead @ after)[None], lower=True)[0]
         return x, x
 
-    _, dq = jax.lax.scan(backward, jnp.zeros(W, A.dtype), (L, solved[..., :W], y), reverse=True)
+    _, dq = jax.lax.scan(backward, jnp.zeros(W, A.dtype), (U, solved[..., :W], y), reverse=True)
     return dq.reshape(-1, D)[:T], dm
 
 
