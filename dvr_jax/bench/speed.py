@@ -18,7 +18,7 @@ from dvr_jax.compilation import Program
 from dvr_jax.komo.augmented import Settings
 from dvr_jax.komo.buckets import buckets
 from dvr_jax.komo.engine import extend_prefixes, extension_lanes, solve, stack
-from dvr_jax.komo.slices import ACTIVE, reduce_slices
+from dvr_jax.komo.slices import reduce_slices
 from dvr_jax.komo.solver import judge, lay_out_chunks, measure_chunk, start
 from dvr_jax.komo.starts import keyframe_start, path_problem, path_start
 from dvr_jax.komo.transcription import transcribe
@@ -74,7 +74,7 @@ def time_slices(number_of_objects: int, repeats: int) -> None:
     ]
     microseconds = [1e6 * part / chunk_size for part in parts]
     print(
-        f"Gauss-Newton system, {number_of_objects} objects ({rows} rows, {ACTIVE} in the matrix): "
+        f"Gauss-Newton system, {number_of_objects} objects ({rows} rows): "
         f"{sum(microseconds):.1f} us a slice ({microseconds[0]:.1f} values, {microseconds[1]:.1f} derivatives)"
     )
 

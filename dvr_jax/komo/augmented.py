@@ -146,15 +146,23 @@ def forces(
     for y, value, penalty, is_h in zip(multipliers, c, p, equalities, strict=True):
         push = y + penalty * value
         if is_h:
-            total += jnp.sum((y + 0.5 * penalty * value) * value)
+            total += _sum((y + 0.5 * penalty * value) * value)
             curvature.append(jnp.broadcast_to(penalty, value.shape))
         else:
-            active = push > 0
-            push = jnp.where(active, push, 0)
-            total += jnp.sum((push * push - y * y) / (2 * penalty))
-            curvature.append(jnp.where(active, penalty, 0))
+            push = jnp.maximum(push, 0)
+            total += _sum((push * push - y * y) * materialize(0.5 / penalty))
+            curvature.append(jnp.where(push > 0, penalty, 0))
         force.append(push)
     return tuple(force), tuple(curvature), total
+
+
+def _sum(value: Array) -> Array:
+    """Sum of all entries, as products with ones: XLA's CPU backend adds up one by one what a product adds up in
+    parallel."""
+    value = materialize(value)
+    while value.ndim:
+        value = value @ jnp.ones(value.shape[-1], value.dtype)
+    return value
 
 
 def judge(

@@ -45,8 +45,8 @@ class BorderedSystem(NamedTuple):
     """(M,)."""
 
 
-# Matrices that go to LAPACK are transposed, and its triangular solves are those from the right: it stores by columns what
-# XLA stores by rows, so nothing is rearranged, and OpenBLAS is nearly twice as fast that way round.
+# Matrices that go to LAPACK are transposed, and its triangular solves are those from the right: it stores by columns
+# what XLA stores by rows, so nothing is rearranged, and OpenBLAS is nearly twice as fast that way round.
 
 
 def _inverse_factor(A: Array) -> Array:

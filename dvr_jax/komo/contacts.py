@@ -36,6 +36,7 @@ from dvr_jax.komo.contact_rows import (
     SELF_PAIRS,
     row_bodies,
 )
+from dvr_jax.komo.marked import mark, number_of_parts, place, visit
 from dvr_jax.komo.modes import ObjectPoses
 from dvr_jax.komo.problem import ABSENT, FIXED
 from dvr_jax.robot.kinematics import load_arm
@@ -47,9 +48,9 @@ NEAR = 0.03
 """A capsule's bounding sphere that is further from an object stands for the capsule [m]. Such a row pushes only while
 its multiplier exceeds the penalty times this, which takes penetrations at updates that add up to as much."""
 
-GROUP = 4
-"""Distances of capsules to objects that are taken together in each slice, as many groups as some slice has near ones:
-on paths at most four are near, and one on average."""
+NEAR_PAIRS = 192
+"""So many distances of capsules to objects are taken at a time, or as many as there are slices: on paths one a slice is
+near on average."""
 
 
 class Contacts(NamedTuple):
@@ -83,37 +84,28 @@ def _capsules_and_objects(
     reach = materialize(jnp.sqrt((along * along).sum(0)) + radii)
     bound, _ = point_prism(rotate_back(R[:, :, :, None], middle[:, None] - p[:, :, None]), half[:, :, None])
     bound = materialize(jnp.where(ignored, FAR, (bound - reach).reshape(N * C, L)))
-    near = bound < NEAR
-    rows = jnp.arange(N * C)[:, None]
-    # How many rows are near up to each one. (A sum in float32: counts are exact, and `cumsum` takes far longer.)
-    count = materialize(jnp.asarray(np.tri(N * C, dtype=np.float32)) @ near.astype(jnp.float32))
-    slots = jnp.arange(1, GROUP + 1, dtype=jnp.float32)[:, None, None]
+    marked, together = mark(bound < NEAR, 1), max(NEAR_PAIRS, L)
 
-    def add_group(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        first, distance, position = state
-        # Row of each slot, (GROUP, N C, L); a slice that has fewer fills none, so that it does not depend on its
-        # neighbours.
-        taken = materialize(near & (count == first + slots))
-        row = materialize((rows * taken).sum(1))
-
-        def pick(value: Array, index: Array) -> Array:
-            return jnp.take_along_axis(value, jnp.broadcast_to(index, (*value.shape[:-2], GROUP, L)), axis=-2)
-
+    def add_pairs(state: tuple[Array, Array]) -> tuple[Array, Array]:
+        first, found = state
+        chosen = visit(marked, first, together)
+        (row,), slices = chosen.rows, jnp.minimum(chosen.slices, L - 1)
         capsule, item = row % C, row // C
-        a0, a1 = materialize((pick(a, capsule), pick(b, capsule)))
-        pose = materialize((pick(R, item), pick(p, item), pick(half, item)))
+        a0, a1 = materialize((a[:, capsule, slices], b[:, capsule, slices]))
+        pose = materialize((R[:, :, item, slices], p[:, item, slices], half[:, item, slices]))
         t = nearest_on_axis(a0, a1, *pose)
         point = materialize(rotate_back(pose[0], a0 + t * (a1 - a0) - pose[1]))
-        exact = materialize(point_prism(point, pose[2])[0] - jnp.take(jnp.asarray(radii[:, 0]), capsule))
-        for s in range(GROUP):
-            distance, position = (jnp.where(taken[s], new[s], old) for new, old in ((exact, distance), (t, position)))
-        return first + GROUP, distance, position
+        exact = point_prism(point, pose[2])[0] - jnp.take(jnp.asarray(radii[:, 0]), capsule)
+        pair = jnp.stack([exact, t])
+        return first + together, jax.lax.dynamic_update_slice_in_dim(found, pair, first.astype(jnp.int32), 1)
 
-    def some_left(state: tuple[Array, Array, Array]) -> Array:
-        return state[0] < count[-1].max()
+    def some_left(state: tuple[Array, Array]) -> Array:
+        return state[0] < number_of_parts(marked)
 
+    nothing = jnp.zeros((), jnp.float32), jnp.zeros((2, N * C * L + together), a.dtype)
+    _, found = jax.lax.while_loop(some_left, add_pairs, nothing)
     middles = jnp.where(ignored, -1, jnp.full_like(bound, 0.5))
-    _, distance, position = jax.lax.while_loop(some_left, add_group, (jnp.zeros((), jnp.float32), bound, middles))
+    distance, position = jnp.where(marked.mask, jnp.take(found, place(marked), axis=1), jnp.stack([bound, middles]))
     return distance, position
 
 

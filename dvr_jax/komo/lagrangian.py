@@ -3,6 +3,7 @@ is made of here."""
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -52,8 +53,36 @@ class Residuals(NamedTuple):
     """(K, 4)."""
 
 
-EQUALITIES = Residuals(False, True, True, False, False, False)
+class Packed(NamedTuple):
+    """The same rows in fewer arrays: every array costs kernels of its own, and theirs take longer than the few rows."""
+
+    distance: Array
+    """(T', P)."""
+    equality: Array
+    """Switches and rest, (E,)."""
+    inequality: Array
+    """Limits, bounds and footprints, (I,)."""
+
+
+EQUALITIES = Packed(False, True, False)
 """Which rows are equalities."""
+
+
+def pack(rows: Residuals) -> Packed:
+    """Rows of one NLP."""
+    equalities, inequalities = (rows.switch, rows.rest), (rows.limit, rows.bound, rows.footprint)
+    return Packed(rows.distance, *(jnp.concatenate([v.reshape(-1) for v in of]) for of in (equalities, inequalities)))
+
+
+def unpack(packed: Packed, T: int, K: int) -> Residuals:
+    """Rows of one NLP of T slices and K actions: the inverse of `pack`."""
+    equalities = _cut(packed.equality, (K, 6), (K, 14))
+    return Residuals(packed.distance, *equalities, *_cut(packed.inequality, (2, T, 14), (2, K, PARAMETERS), (K, 4)))
+
+
+def _cut(value: Array, *shapes: tuple[int, ...]) -> list[Array]:
+    ends = np.cumsum([math.prod(shape) for shape in shapes])[:-1]
+    return [piece.reshape(shape) for piece, shape in zip(jnp.split(value, ends), shapes, strict=True)]
 
 
 def joint_limits() -> np.ndarray:
@@ -76,11 +105,12 @@ def residuals(problem: Problem, x: Variables, rows: Rows) -> Residuals:
     )
 
 
-def scales(weights: Weights, dtype: jnp.dtype) -> Residuals:
-    """Penalty of each kind of row relative to the common one; the switch rows' is ``(6,)``."""
-    switch = np.repeat([weights.position, weights.rotation], 3).astype(dtype)
-    numbers = (weights.distance, switch, weights.rest, weights.limit, weights.parameter, weights.parameter)
-    return Residuals(*(jnp.asarray(number, dtype) for number in numbers))
+def scales(weights: Weights, T: int, K: int, dtype: jnp.dtype) -> Packed:
+    """Penalty of each row relative to the common one; the distances share one number."""
+    switch = np.tile(np.repeat([weights.position, weights.rotation], 3), K)
+    equality = np.concatenate([switch, np.full(K * 14, weights.rest)])
+    inequality = np.repeat([weights.limit, weights.parameter], [2 * T * 14, (2 * PARAMETERS + 4) * K])
+    return Packed(*(jnp.asarray(value, dtype) for value in (weights.distance, equality, inequality)))
 
 
 def accelerations(problem: Problem, q: Array) -> Array:

@@ -17,18 +17,18 @@ from dvr_jax.geometry.distances import Prism
 from dvr_jax.geometry.vectors import Rotation, Vector, materialize
 from dvr_jax.komo.contact_rows import arm_signs, object_signs
 from dvr_jax.komo.contacts import Contacts, measure_contacts, row_wrenches
+from dvr_jax.komo.marked import mark, number_of_parts, take_slices, visit
 from dvr_jax.komo.modes import Attachment, object_poses
 from dvr_jax.komo.problem import PARAMETERS
 from dvr_jax.robot.kinematics import capsule_segments, hand_pose, joint_screws, link_poses
 from dvr_jax.scene.workspace import NUMBER_OF_JOINTS
 
-ACTIVE = 32
-"""Rows of a slice that enter its Gauss-Newton matrix and gradient: those with the largest forces. More push only
-deep inside other bodies, where the largest are what matters."""
+PUSHING_ROWS = 4
+"""Rows of a slice that enter its sums together. Of the slices of paths one in seven has a row that pushes, and hardly
+any has more than four."""
 
-PUSHING_GROUP = 4
-"""Rows that enter together. In 70 of 100 chunks of 60 keyframe slices, and in 95 of paths, no slice has more that push;
-in none of 4,800 more than 15."""
+PUSHING_PARTS = 32
+"""So many times those are computed together, or a sixth as many as there are slices."""
 
 
 class Slices(NamedTuple):
@@ -111,31 +111,33 @@ def distance_jacobian(measured: Measured, rows: Array) -> Array:
     return sign * sum(measured.columns[:, i, :, None] * wrench[:, i, None] for i in range(6))
 
 
-def reduce_slices(measured: Measured, force: Array, curvature: Array, active: int = ACTIVE) -> Reduced:
-    """Add up forces and curvatures (L, P) of the distances (as constraints g = -distance <= 0), of the ``active``
-    rows with the largest forces.
-
-    In groups of `PUSHING_GROUP`, as many as some slice needs; to a slice that needs fewer the others add zeros, so that
-    its sums do not depend on its neighbours."""
+def reduce_slices(measured: Measured, force: Array, curvature: Array) -> Reduced:
+    """Add up forces and curvatures (L, P) of the distances (as constraints g = -distance <= 0): those of the rows that
+    push, part after part (`dvr_jax.komo.marked`)."""
     L, _, C = measured.columns.shape
-    # In float32: XLA's CPU backend has a selection for it, and sorts float64 whole, ten times slower.
-    _, rows = jax.lax.top_k(force.astype(jnp.float32), min(active, force.shape[1]))
-    force, curvature = (jnp.take_along_axis(value, rows, axis=1) for value in (force, curvature))
-    needed = jnp.where(force > 0, jnp.arange(1, rows.shape[1] + 1), 0).max()
-    padding = [(0, 0), (0, -rows.shape[1] % PUSHING_GROUP)]
-    rows, force, curvature = (jnp.pad(value, padding) for value in (rows, force, curvature))
+    marked, together = mark(materialize((force > 0).T), PUSHING_ROWS), max(PUSHING_PARTS, L // 6)
 
-    def add_group(state: tuple[Array, Reduced]) -> tuple[Array, Reduced]:
+    def add_parts(state: tuple[Array, Reduced]) -> tuple[Array, Reduced]:
         first, total = state
-        part, f, c = (jax.lax.dynamic_slice_in_dim(v, first, PUSHING_GROUP, axis=1) for v in (rows, force, curvature))
-        J = materialize(distance_jacobian(measured, part))
+        chosen = visit(marked, first, together)
+        rows, slices = chosen.rows.T, jnp.minimum(chosen.slices, L - 1)
+        f, c = (jnp.where(chosen.there.T, value[slices[:, None], rows], 0) for value in (force, curvature))
+        J = materialize(distance_jacobian(materialize(_of_slices(measured, slices)), rows))
         weighted, gradient = materialize((J * c[:, None], -(J * f[:, None]).sum(2)))
         matrix = jnp.einsum("lip,ljp->lij", weighted, J)
-        return first + PUSHING_GROUP, Reduced(total.matrix + matrix, total.gradient + gradient)
+        added = (total.matrix.at[slices].add(matrix), total.gradient.at[slices].add(gradient))
+        return first + together, Reduced(*added)
 
     def some_left(state: tuple[Array, Reduced]) -> Array:
-        return state[0] < needed
+        return state[0] < number_of_parts(marked)
 
     nothing = Reduced(jnp.zeros((L, C, C), force.dtype), jnp.zeros((L, C), force.dtype))
-    _, total = jax.lax.while_loop(some_left, add_group, (jnp.zeros_like(needed), nothing))
+    _, total = jax.lax.while_loop(some_left, add_parts, (jnp.zeros((), jnp.float32), nothing))
     return total
+
+
+def _of_slices(measured: Measured, slices: Array) -> Measured:
+    """What `distance_jacobian` needs of some slices (E,)."""
+    contacts = jax.tree.map(lambda value: take_slices(value, slices), measured.contacts)
+    columns, held = measured.columns[slices], measured.held[slices]
+    return measured._replace(contacts=contacts, columns=columns, held=held)

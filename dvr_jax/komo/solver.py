@@ -22,7 +22,17 @@ from dvr_jax.komo.banded import BorderedSystem, solve_bordered
 from dvr_jax.komo.buckets import buckets
 from dvr_jax.komo.constraints import Slopes, collect, lay_out
 from dvr_jax.komo.contact_rows import number_of_rows
-from dvr_jax.komo.lagrangian import EQUALITIES, WEIGHTS, Residuals, cost, gauss_newton_system, residuals, scales
+from dvr_jax.komo.lagrangian import (
+    EQUALITIES,
+    WEIGHTS,
+    Packed,
+    cost,
+    gauss_newton_system,
+    pack,
+    residuals,
+    scales,
+    unpack,
+)
 from dvr_jax.komo.problem import PARAMETERS, Problem, Variables
 from dvr_jax.komo.slices import Measured, Reduced, Slices, measure, reduce_slices
 from dvr_jax.komo.verdict import Violations, measure_violations
@@ -51,8 +61,8 @@ def start(problems: Problem, x: Variables, settings: Settings) -> Lane:
         x=x,
         step=Variables(np.zeros_like(x.q), np.zeros_like(x.m)),
         multipliers=(
-            zeros(T * problems.share.shape[2], number_of_rows(N)), zeros(K, 6), zeros(K, D), zeros(2, T, D),
-            zeros(2, K, PARAMETERS), zeros(K, 4),
+            zeros(T * problems.share.shape[2], number_of_rows(N)), zeros(K * (6 + D)),
+            zeros(2 * T * D + K * (2 * PARAMETERS + 4)),
         ),
         penalty=np.full(B, settings.penalty, dtype),
         damping=np.full(B, settings.damping, dtype),
@@ -124,11 +134,11 @@ def judge(
     )
     rows, slopes = materialize(collect(problems, trial, distance, hand_R, hand_p, screws))
     violations = jax.vmap(measure_violations)(problems, trial, rows)
-    c = jax.vmap(residuals)(problems, trial, rows)
+    c = jax.vmap(lambda *of_lane: pack(residuals(*of_lane)))(problems, trial, rows)
     costs = jax.vmap(cost, in_axes=(0, 0, None))(problems, trial, WEIGHTS)
-    relative = scales(WEIGHTS, trial.q.dtype)
+    relative = scales(WEIGHTS, trial.q.shape[1], trial.m.shape[1], trial.q.dtype)
 
-    def judge_lane(lane: Lane, cost: Array, c: Residuals, ratio: Array) -> Judged:
+    def judge_lane(lane: Lane, cost: Array, c: Packed, ratio: Array) -> Judged:
         return augmented.judge(settings, lane, cost, c, relative, EQUALITIES, ratio)
 
     judged = jax.vmap(judge_lane)(lanes, costs, c, violations.ratio())
@@ -146,9 +156,11 @@ def advance(
     B, T = lanes.multipliers[0].shape[:2]
     distances = jax.tree.map(lambda *leaves: _joined(leaves, B * T, 0).reshape(B, T, *leaves[0].shape[1:]), *chunks)
 
+    sizes = lanes.x.q.shape[1], lanes.x.m.shape[1]
+
     def advance_lane(problem: Problem, lane: Lane, seen: Seen, distances: Reduced) -> Lane:
         judged = seen.judged
-        force, curvature = Residuals(*judged.force), Residuals(*judged.curvature)
+        force, curvature = (unpack(Packed(*rows), *sizes) for rows in (judged.force, judged.curvature))
         drive = jnp.where(judged.restoration == DURING, 0.0, 1.0).astype(lane.x.q.dtype)
         system = gauss_newton_system(
             problem, trial_point(lane), distances, seen.slopes, force, curvature, WEIGHTS, drive

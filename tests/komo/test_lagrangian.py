@@ -11,13 +11,15 @@ from dvr_jax.komo.augmented import forces, update_multipliers
 from dvr_jax.komo.banded import BorderedSystem, dense_matrix
 from dvr_jax.komo.lagrangian import (
     EQUALITIES,
-    Residuals,
+    Packed,
     Weights,
     accelerations,
     cost,
     gauss_newton_system,
+    pack,
     residuals,
     scales,
+    unpack,
 )
 from dvr_jax.komo.problem import Problem, Variables
 from dvr_jax.komo.slices import reduce_slices
@@ -27,7 +29,7 @@ from dvr_jax.robot.kinematics import load_arm
 PENALTY = 20.0
 WEIGHTS = Weights(acceleration=0.7, distance=1.1, position=0.9, rotation=0.2, limit=0.4, parameter=1.2, rest=0.5)
 STEP = 1e-5
-RESIDUALS = jax.jit(residuals)
+CONSTRAINTS = jax.jit(lambda problem, x, rows: pack(residuals(problem, x, rows)))
 OBJECT_PAIRS = slice(-3, None)
 """Rows of objects against objects: wrenches are inexact past corners (tests/geometry), so these stay inactive here."""
 
@@ -41,7 +43,7 @@ class Lagrangian:
         self.x: Variables = jax.tree.map(lambda leaf: leaf[b], evaluated.case.x)
         self.S = evaluated.case.steps
         self.T, self.K = self.x.q.shape[0], self.x.m.shape[0]
-        self.p = Residuals(*(PENALTY * scale for scale in scales(WEIGHTS, np.dtype(float))))
+        self.p = Packed(*(PENALTY * scale for scale in scales(WEIGHTS, self.T, self.K, np.dtype(float))))
         self.c = self.constraints(self.x)
         generator = np.random.default_rng(b)
         multipliers = []
@@ -52,12 +54,12 @@ class Lagrangian:
             wanted = np.maximum(-penalty * value, 0) + np.abs(random)
             # Bounds that stand for none are 1e3 away: a force from there would drown all others in rounding.
             multipliers.append(random if equality else np.where((random > 0) & (value > -10), wanted, 0))
-        self.multipliers = Residuals(*multipliers)
+        self.multipliers = Packed(*multipliers)
         self.multipliers.distance[:, OBJECT_PAIRS] = 0
 
-    def constraints(self, x: Variables) -> Residuals:
+    def constraints(self, x: Variables) -> Packed:
         rows = self.rows([x])[0]
-        return jax.tree.map(np.asarray, RESIDUALS(self.problem, x, rows))
+        return jax.tree.map(np.asarray, CONSTRAINTS(self.problem, x, rows))
 
     def rows(self, points: list[Variables]) -> list[object]:
         """Rows of this problem at points, as many at a time as the compiled batch holds."""
@@ -89,9 +91,9 @@ class Lagrangian:
         half = (values[:, 2] - values[:, 3]) / STEP
         return (4 * half - whole) / 3
 
-    def active(self) -> Residuals:
+    def active(self) -> Packed:
         """Rows that count: equalities, and inequalities with z + p g > 0."""
-        return Residuals(
+        return Packed(
             *(
                 np.ones_like(value, dtype=bool) if equality else z + penalty * value > 0
                 for value, z, penalty, equality in zip(self.c, self.multipliers, self.p, EQUALITIES, strict=True)
@@ -100,7 +102,7 @@ class Lagrangian:
 
     def value(self, x: Variables, rows: object) -> float:
         """By the definition in the module's docstring, term by term."""
-        c = RESIDUALS(self.problem, x, rows)
+        c = CONSTRAINTS(self.problem, x, rows)
         total = np.sum(self.problem.attraction * (x.q - self.problem.reference) ** 2) / 2
         if self.S > 1:
             total += 0.5 * WEIGHTS.acceleration * np.sum(second_differences(self.problem, x.q) ** 2)
@@ -123,9 +125,10 @@ class Lagrangian:
         pushes = (np.zeros((L, everything)), np.zeros((L, everything)))
         for target, value in zip(pushes, (force[0], curvature[0]), strict=True):
             target[own] = value
-        reduced = jax.tree.map(lambda leaf: leaf[own], reduce_slices(measured, *pushes, active=everything))
+        reduced = jax.tree.map(lambda leaf: leaf[own], jax.jit(reduce_slices)(measured, *pushes))
         build = jax.jit(partial(gauss_newton_system, weights=WEIGHTS))
-        return build(self.problem, self.x, reduced, slopes, Residuals(*force), Residuals(*curvature))
+        force, curvature = (unpack(Packed(*rows), self.T, self.K) for rows in (force, curvature))
+        return build(self.problem, self.x, reduced, slopes, force, curvature)
 
     @property
     def free(self) -> Floats:
@@ -163,7 +166,8 @@ def test_rest_steps_are_those_into_the_switches(path) -> None:
 
 def test_residuals_are_those_of_limits_and_bounds(lagrangian: Lagrangian) -> None:
     lower, upper = np.tile(load_arm().joint_limits, 2)
-    c, x, problem = lagrangian.c, lagrangian.x, lagrangian.problem
+    x, problem = lagrangian.x, lagrangian.problem
+    c = unpack(lagrangian.c, lagrangian.T, lagrangian.K)
     np.testing.assert_allclose(c.limit, [lower - x.q, x.q - upper])
     np.testing.assert_allclose(c.bound, [problem.lower - x.m, x.m - problem.upper])
     assert c.rest.any() == (lagrangian.S > 1)
@@ -194,7 +198,7 @@ def test_gauss_newton_matrix(lagrangian: Lagrangian) -> None:
     assert 0.3 < share < 0.7
 
     def scaled(x: Variables, rows: object) -> Floats:
-        c = RESIDUALS(lagrangian.problem, x, rows)
+        c = CONSTRAINTS(lagrangian.problem, x, rows)
         parts = [np.ravel(np.sqrt(lagrangian.problem.attraction) * x.q)]
         if lagrangian.S > 1:
             parts.append(np.sqrt(WEIGHTS.acceleration) * np.ravel(second_differences(lagrangian.problem, x.q)))
@@ -230,6 +234,14 @@ def test_multiplier_update(lagrangian: Lagrangian) -> None:
 
 
 def test_penalties_follow_their_weights() -> None:
-    p = scales(WEIGHTS, np.dtype(float))
-    np.testing.assert_allclose(p.switch, [0.9, 0.9, 0.9, 0.2, 0.2, 0.2])
-    np.testing.assert_allclose([p.distance, p.rest, p.limit, p.bound, p.footprint], [1.1, 0.5, 0.4, 1.2, 1.2])
+    T, K = 6, 3
+    p = unpack(scales(WEIGHTS, T, K, np.dtype(float)), T, K)
+    np.testing.assert_allclose(p.switch, [[0.9, 0.9, 0.9, 0.2, 0.2, 0.2]] * K)
+    for value, shape, weight in (
+        (p.distance, (), 1.1),
+        (p.rest, (K, 14), 0.5),
+        (p.limit, (2, T, 14), 0.4),
+        (p.bound, (2, K, 4), 1.2),
+        (p.footprint, (K, 4), 1.2),
+    ):
+        np.testing.assert_allclose(value, np.full(shape, weight))

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 from dvr_jax.geometry.distances import capsule_prism
+from dvr_jax.komo import contacts, slices
 from dvr_jax.komo.buckets import CPU
 from dvr_jax.komo.constraints import lay_out
 from dvr_jax.komo.contact_rows import arm_signs
-from dvr_jax.komo.contacts import FAR, GROUP, NEAR
+from dvr_jax.komo.contacts import FAR, NEAR
 from dvr_jax.komo.modes import Attachment
-from dvr_jax.komo.slices import ACTIVE, PUSHING_GROUP, Slices, distance_jacobian, measure, reduce_slices
+from dvr_jax.komo.slices import PUSHING_ROWS, Slices, distance_jacobian, measure, reduce_slices
 from dvr_jax.komo.solver import cut_into_chunks
 from dvr_jax.robot.kinematics import load_arm
 
@@ -50,19 +51,22 @@ def near_and_exact(measured: Any) -> tuple[np.ndarray, np.ndarray]:
     return ours.T.reshape(exact.shape), np.asarray(exact)
 
 
-def test_near_capsules_have_their_distance_and_far_ones_a_bound(crowded: Slices) -> None:
+def test_near_capsules_have_their_distance_and_far_ones_a_bound(
+    crowded: Slices, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(contacts, "NEAR_PAIRS", 1)
     ours, exact = near_and_exact(jax.jit(measure)(crowded))
     counts = ours != FAR
     near = counts & (ours < NEAR)
     per_slice = near.sum((0, 1))
-    assert per_slice.max() > 2 * GROUP and per_slice.min() < GROUP
+    assert per_slice.sum() > 2 * len(per_slice) and per_slice.min() < 4
     np.testing.assert_allclose(ours[near], exact[near], rtol=1e-12, atol=1e-12)
     assert (ours[counts] <= exact[counts] + 1e-12).all()
     assert not (counts & (exact < NEAR) & ~near).any()
 
 
 def test_a_slices_distances_do_not_depend_on_its_neighbours(crowded: Slices) -> None:
-    """Though some of them have more capsules near objects, so that more groups are taken."""
+    """Though they have other numbers of capsules near objects, so that its own are taken elsewhere in a pass."""
     together = np.asarray(jax.jit(measure)(crowded).distance)
     for index in (1, 2):
         alone = jax.tree.map(lambda leaf, i=index: np.repeat(leaf[..., [i]], leaf.shape[-1], axis=-1), crowded)
@@ -81,11 +85,12 @@ def pushes(measured: Any, number: int, most: int) -> tuple[np.ndarray, np.ndarra
     return force, curvature
 
 
-@pytest.mark.parametrize("number", [0, 1, PUSHING_GROUP, PUSHING_GROUP + 1, 3 * PUSHING_GROUP, ACTIVE])
-def test_sums_are_those_of_all_rows(path: Any, number: int) -> None:
+@pytest.mark.parametrize("number", [0, 1, PUSHING_ROWS, PUSHING_ROWS + 1, 3 * PUSHING_ROWS, 40])
+def test_sums_are_those_of_all_rows(path: Any, number: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(slices, "PUSHING_PARTS", 1)  # so that there are several passes
     measured = path.results[2]
     L, P = measured.distance.shape
-    force, curvature = pushes(measured, number, min(number, PUSHING_GROUP))
+    force, curvature = pushes(measured, number, min(number, PUSHING_ROWS))
     ours = jax.jit(reduce_slices)(measured, force, curvature)
     J = np.asarray(jax.jit(distance_jacobian)(measured, np.tile(np.arange(P), (L, 1))))
     np.testing.assert_allclose(ours.matrix, np.einsum("lip,lp,ljp->lij", J, curvature, J), rtol=1e-10, atol=1e-10)
@@ -96,7 +101,7 @@ def test_sums_are_those_of_all_rows(path: Any, number: int) -> None:
 def test_a_slices_sums_do_not_depend_on_its_neighbours(path: Any) -> None:
     measured = path.results[2]
     middle = np.arange(len(measured.distance)) == len(measured.distance) // 2
-    few, many = (jax.jit(reduce_slices)(measured, *pushes(measured, number, 3)) for number in (3, ACTIVE))
+    few, many = (jax.jit(reduce_slices)(measured, *pushes(measured, number, 3)) for number in (3, 40))
     for ours, theirs in zip(few, many, strict=True):
         np.testing.assert_array_equal(np.asarray(ours)[~middle], np.asarray(theirs)[~middle])
         assert (np.asarray(ours)[middle] != np.asarray(theirs)[middle]).any()
