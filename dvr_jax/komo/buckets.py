@@ -21,6 +21,10 @@ class Buckets:
     """Prefixes whose particles are extended side by side, where there are many."""
     few: int
     """Up to so many are extended one by one."""
+    near_pairs: int = 192
+    """Distances of capsules to objects that are taken in one pass. On paths one a slice is near on average."""
+    pushing_parts: int = 32
+    """Parts of slices whose rows that push are added up in one pass. Of the slices of paths one in seven has any."""
 
 
 CPU = Buckets(chunk=60, largest_chunk=180, path_lanes=1, extension_lanes=8, few=3)
@@ -28,7 +32,9 @@ CPU = Buckets(chunk=60, largest_chunk=180, path_lanes=1, extension_lanes=8, few=
 of six actions, a slice takes two thirds of the time that it takes in three. One extended prefix takes a quarter of the
 time of eight."""
 
-ACCELERATOR = Buckets(chunk=1_920, largest_chunk=7_680, path_lanes=32, extension_lanes=64, few=0)
+ACCELERATOR = Buckets(
+    chunk=1_920, largest_chunk=7_680, path_lanes=32, extension_lanes=64, few=0, near_pairs=7_680, pushing_parts=1_280
+)
 """Chosen so that a call has work for thousands of threads; not yet measured on any."""
 
 

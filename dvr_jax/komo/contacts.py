@@ -28,6 +28,7 @@ from dvr_jax.geometry.distances import (
     prism_prism,
 )
 from dvr_jax.geometry.vectors import Rotation, Six, Vector, materialize, rotate_back
+from dvr_jax.komo.buckets import buckets
 from dvr_jax.komo.contact_rows import (
     ABOVE_TABLE,
     CAPSULES,
@@ -47,10 +48,6 @@ FAR = 1.0
 NEAR = 0.03
 """A capsule's bounding sphere that is further from an object stands for the capsule [m]. Such a row pushes only while
 its multiplier exceeds the penalty times this, which takes penetrations at updates that add up to as much."""
-
-NEAR_PAIRS = 192
-"""So many distances of capsules to objects are taken at a time, or as many as there are slices: on paths one a slice is
-near on average."""
 
 
 class Contacts(NamedTuple):
@@ -84,7 +81,7 @@ def _capsules_and_objects(
     reach = materialize(jnp.sqrt((along * along).sum(0)) + radii)
     bound, _ = point_prism(rotate_back(R[:, :, :, None], middle[:, None] - p[:, :, None]), half[:, :, None])
     bound = materialize(jnp.where(ignored, FAR, (bound - reach).reshape(N * C, L)))
-    marked, together = mark(bound < NEAR, 1), max(NEAR_PAIRS, L)
+    marked, together = mark(bound < NEAR, 1), buckets().near_pairs
 
     def add_pairs(state: tuple[Array, Array]) -> tuple[Array, Array]:
         first, found = state

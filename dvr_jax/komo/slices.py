@@ -15,6 +15,7 @@ from jax import Array
 
 from dvr_jax.geometry.distances import Prism
 from dvr_jax.geometry.vectors import Rotation, Vector, materialize
+from dvr_jax.komo.buckets import buckets
 from dvr_jax.komo.contact_rows import arm_signs, object_signs
 from dvr_jax.komo.contacts import Contacts, measure_contacts, row_wrenches
 from dvr_jax.komo.marked import mark, number_of_parts, take_slices, visit
@@ -26,9 +27,6 @@ from dvr_jax.scene.workspace import NUMBER_OF_JOINTS
 PUSHING_ROWS = 4
 """Rows of a slice that enter its sums together. Of the slices of paths one in seven has a row that pushes, and hardly
 any has more than four."""
-
-PUSHING_PARTS = 32
-"""So many times those are computed together, or a sixth as many as there are slices."""
 
 
 class Slices(NamedTuple):
@@ -115,7 +113,7 @@ def reduce_slices(measured: Measured, force: Array, curvature: Array) -> Reduced
     """Add up forces and curvatures (L, P) of the distances (as constraints g = -distance <= 0): those of the rows that
     push, part after part (`dvr_jax.komo.marked`)."""
     L, _, C = measured.columns.shape
-    marked, together = mark(materialize((force > 0).T), PUSHING_ROWS), max(PUSHING_PARTS, L // 6)
+    marked, together = mark(materialize((force > 0).T), PUSHING_ROWS), buckets().pushing_parts
 
     def add_parts(state: tuple[Array, Reduced]) -> tuple[Array, Reduced]:
         first, total = state

@@ -1,5 +1,6 @@
 """Slices in chunks, and what their distances add to the Gauss-Newton matrix."""
 
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 
 from dvr_jax.geometry.distances import capsule_prism
-from dvr_jax.komo import contacts, slices
+from dvr_jax.komo import buckets
 from dvr_jax.komo.buckets import CPU
 from dvr_jax.komo.constraints import lay_out
 from dvr_jax.komo.contact_rows import arm_signs
@@ -54,12 +55,12 @@ def near_and_exact(measured: Any) -> tuple[np.ndarray, np.ndarray]:
 def test_near_capsules_have_their_distance_and_far_ones_a_bound(
     crowded: Slices, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(contacts, "NEAR_PAIRS", 1)
+    monkeypatch.setattr(buckets, "CPU", replace(CPU, near_pairs=10))
     ours, exact = near_and_exact(jax.jit(measure)(crowded))
     counts = ours != FAR
     near = counts & (ours < NEAR)
     per_slice = near.sum((0, 1))
-    assert per_slice.sum() > 2 * len(per_slice) and per_slice.min() < 4
+    assert per_slice.sum() > 20 and per_slice.max() > 8 and per_slice.min() < 4
     np.testing.assert_allclose(ours[near], exact[near], rtol=1e-12, atol=1e-12)
     assert (ours[counts] <= exact[counts] + 1e-12).all()
     assert not (counts & (exact < NEAR) & ~near).any()
@@ -87,7 +88,7 @@ def pushes(measured: Any, number: int, most: int) -> tuple[np.ndarray, np.ndarra
 
 @pytest.mark.parametrize("number", [0, 1, PUSHING_ROWS, PUSHING_ROWS + 1, 3 * PUSHING_ROWS, 40])
 def test_sums_are_those_of_all_rows(path: Any, number: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(slices, "PUSHING_PARTS", 1)  # so that there are several passes
+    monkeypatch.setattr(buckets, "CPU", replace(CPU, pushing_parts=3))  # so that there are several passes
     measured = path.results[2]
     L, P = measured.distance.shape
     force, curvature = pushes(measured, number, min(number, PUSHING_ROWS))
