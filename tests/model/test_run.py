@@ -39,7 +39,7 @@ EXAMPLES = sided_examples(16, 1)
 SMALL = NetworkConfig(image_size=24, channels=(3, 4, 4), dense=32, hidden=64)
 OPTIONS = TrainOptions(
     data=(),
-    out=Path("unused"),
+    out=Path(),  # each test sets its own
     image_size=24,
     batch=15,
     least_feasible=5,
@@ -96,7 +96,7 @@ def test_learns_which_arm_is_on_the_objects_side(tmp_path: Path) -> None:
     assert any("held out: loss" in line for line in lines)
 
 
-def test_greedy_sequences_that_no_label_knows_are_judged_once() -> None:
+def test_greedy_sequences_that_no_label_knows_are_judged_once(tmp_path: Path) -> None:
     """And those that labels know are not asked about."""
     asked: list[tuple[Scene, tuple[Action, ...]]] = []
 
@@ -104,7 +104,7 @@ def test_greedy_sequences_that_no_label_knows_are_judged_once() -> None:
         asked.extend(tasks)
         return [actions[0].arguments[0] == "left" for _, actions in tasks]
 
-    options = replace(OPTIONS, validation_scenes=8, held_out=0.6)
+    options = replace(OPTIONS, out=tmp_path, validation_scenes=8, held_out=0.6)
     weights = initial_weights(SMALL, 0)
     by_labels, judged = (prepare(options, EXAMPLES, None, quiet, how).validation for how in (None, judge))
     assert by_labels is not None and judged is not None
@@ -234,9 +234,9 @@ def test_command_trains_a_classifier_on_separate_held_out_scenes(
     assert last.keys() == {"step", "validation/loss", "validation/average_precision"}
 
 
-def test_held_out_scenes_are_not_those_that_are_trained_on() -> None:
+def test_held_out_scenes_are_not_those_that_are_trained_on(tmp_path: Path) -> None:
     with pytest.raises(DvrError, match="--validation has 16 of the scenes of --data; valid are others"):
-        prepare(OPTIONS, EXAMPLES, EXAMPLES, quiet)
+        prepare(replace(OPTIONS, out=tmp_path), EXAMPLES, EXAMPLES, quiet)
 
 
 @pytest.mark.parametrize(
