@@ -78,7 +78,7 @@ class Program(Generic[_P, _R]):
         leaves, tree = jax.tree.flatten(args)
         if any(issubclass(kind, jax.core.Tracer) for kind in set(map(type, leaves))):
             return self._function(*args)  # type: ignore[call-arg]
-        key = (tree, *map(_SHAPE_AND_TYPE, leaves))
+        key = (jax.config.values["jax_enable_x64"], tree, *map(_SHAPE_AND_TYPE, leaves))
         compiled = self._compiled.get(key)
         if compiled is None:
             # Another thread may be compiling the same.
@@ -96,7 +96,7 @@ class Program(Generic[_P, _R]):
         cache, name = cache_folder(), f"{self._function.__module__}.{self._function.__qualname__}"
         if cache is None or not name.startswith(f"{__package__}.") or "<" in name:
             return self._compile(args)
-        digest = hashlib.sha256(repr((name, key, jax.config.values["jax_enable_x64"])).encode()).hexdigest()
+        digest = hashlib.sha256(repr((name, key)).encode()).hexdigest()
         path = cache / _surroundings() / f"{name}-{digest[:32]}.executable"
         _register_linear_algebra()
         try:

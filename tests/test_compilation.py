@@ -8,11 +8,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import dvr_jax
-from dvr_jax.compilation import KEPT
+from dvr_jax.compilation import KEPT, Program
 
 CODE = """
 import sys
@@ -128,3 +130,11 @@ def test_switched_off_it_writes_nothing(tmp_path: Path) -> None:
 def test_a_folder_that_cannot_be_written_is_no_error(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     assert run(tmp_path / "file", tmp_path / "out.npy") == 1
+
+
+def test_a_program_has_one_executable_for_each_precision() -> None:
+    """Of the same arguments: 64-bit numbers that are not allowed become 32-bit ones."""
+    program = Program(jnp.cumsum)
+    for allowed, dtype in ((False, np.float32), (True, np.float64), (False, np.float32)):
+        with jax.enable_x64(allowed):
+            assert program(np.ones(3)).dtype == dtype

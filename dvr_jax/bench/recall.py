@@ -24,8 +24,10 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 
+from dvr_jax.check import CheckReport, describe
+from dvr_jax.check.replay import check_motion
 from dvr_jax.errors import DvrError
-from dvr_jax.feasibility import passes_check
+from dvr_jax.feasibility import motion_of
 from dvr_jax.files import write_whole
 from dvr_jax.komo.augmented import Settings
 from dvr_jax.komo.engine import Solved, solve
@@ -285,20 +287,20 @@ def judge_prefix(tree: SequenceTree, actions: Sequence[Action], second_look: boo
     return node
 
 
-def _judge(scene: Scene, actions: Sequence[Action], is_path: bool) -> Steps[tuple[bool, bool | None]]:
-    """Our verdict on a problem, and whether the check accepts its first feasible path (None: there is no path)."""
+def _judge(scene: Scene, actions: Sequence[Action], is_path: bool) -> Steps[tuple[bool, CheckReport | None]]:
+    """Our verdict on a problem, and what the check says of its first feasible path (None: there is no path)."""
     tree = SequenceTree(scene, k_max=6)
     node = yield from judge_prefix(tree, actions, second_look=True)
     if not (is_path and node.feasible):
         return bool(node.feasible) and not is_path, None
-    checked: list[bool] = []
+    reports: list[CheckReport] = []
 
     def accept(leaf: Node, path: Solved) -> bool:
-        checked.append(passes_check(scene, leaf, path))
+        reports.append(check_motion(scene, leaf.actions, motion_of(scene, leaf, path)))
         return True
 
     found = yield from Run(tree, accept, lambda line: None).try_path(node)
-    return found is not None, checked[0] if checked else None
+    return found is not None, reports[0] if reports else None
 
 
 def run(arguments: list[str]) -> int:
@@ -311,12 +313,14 @@ def run(arguments: list[str]) -> int:
         judged = run_together([_judge(scene, actions, row["kind"] == "path") for scene, actions, row in problems])
         verdicts = dict(judged)
     for number, (_, actions, row) in enumerate(problems):
-        ours, passed = verdicts[number]
-        if passed is not None:
-            checked.append(passed)
+        ours, report = verdicts[number]
+        words = f"{row['kind']} {number}: {' '.join(map(str, actions))}"
+        if report is not None:
+            checked.append(report.passed)
+            if not report.passed:
+                print(f"  {words}: {describe(report)}", file=sys.stderr)
         if ours != row["feasible"]:
-            words = " ".join(map(str, actions))
-            print(f"  {row['kind']} {number}: oracle {row['feasible']}, ours {ours}: {words}", file=sys.stderr)
+            print(f"  {words}: oracle {row['feasible']}, ours {ours}", file=sys.stderr)
         table[str(row["kind"]), int(row["length"])].append((bool(row["feasible"]), ours))
     print("            problems   feasible: oracle   ours   both   recall   found by ours alone")
     for kind in ("keyframes", "path"):

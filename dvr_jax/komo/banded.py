@@ -124,20 +124,3 @@ def _solve_corner(system: BorderedSystem, reduced: Array, damping: Array) -> Arr
     schur = system.corner + damping * jnp.eye(M, dtype=flat.dtype) - product[:M, :M]
     inverse = _inverse_factor(schur)
     return inverse.T @ (inverse @ (-system.gradient_m - product[:M, M]))
-
-
-def dense_matrix(system: BorderedSystem) -> Array:
-    """The same matrix as a dense array ``(T D + M, T D + M)``: for tests and for looking at."""
-    T, D = system.gradient_q.shape
-    M = system.gradient_m.shape[0]
-    H = jnp.zeros((T * D + M, T * D + M), system.diagonal.dtype)
-    for t in range(T):
-        rows = slice(t * D, (t + 1) * D)
-        H = H.at[rows, rows].set(system.diagonal[t])
-        H = H.at[rows, T * D :].set(system.border[t]).at[T * D :, rows].set(system.border[t].T)
-        for back in (1, 2):
-            if system.coupling is not None and system.far_coupling is not None and t >= back:
-                columns = slice((t - back) * D, (t - back + 1) * D)
-                block = system.coupling[t] if back == 1 else jnp.diag(system.far_coupling[t])
-                H = H.at[rows, columns].set(block).at[columns, rows].set(block.T)
-    return H.at[T * D :, T * D :].set(system.corner)

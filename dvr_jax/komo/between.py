@@ -54,7 +54,13 @@ def _deviation(home: Floats, q: Floats, curve: PchipInterpolator, share: Floats)
 
 
 def even_shares(T: int, samples: int = PATH_SAMPLES) -> Floats:
-    """Samples (T, M) that divide each interval evenly."""
+    """Samples (T, M) that divide each interval evenly.
+
+    Raises:
+        ValueError: where M looks at a time do not make up `look_between`'s.
+    """
+    if (SAMPLES_PER_SLICE - 1) % samples:
+        raise ValueError(f"{samples} samples a slice; valid are divisors of {SAMPLES_PER_SLICE - 1}")
     return np.tile(np.arange(1, samples + 1) / samples, (T, 1))
 
 

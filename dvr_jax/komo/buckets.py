@@ -21,13 +21,13 @@ class Buckets:
     """Prefixes whose particles are extended side by side, where there are many."""
     few: int
     """Up to so many are extended one by one."""
-    near_pairs: int = 192
+    near_pairs: int
     """Distances of capsules to objects that are taken in one pass. On paths one a slice is near on average."""
-    pushing_parts: int = 32
+    pushing_parts: int
     """Parts of slices whose rows that push are added up in one pass. Of the slices of paths one in seven has any."""
 
 
-CPU = Buckets(chunk=60, largest_chunk=180, path_lanes=1, extension_lanes=8, few=3)
+CPU = Buckets(chunk=60, largest_chunk=180, path_lanes=1, extension_lanes=8, few=3, near_pairs=192, pushing_parts=32)
 """Keyframes of 1 to 6 actions and paths of 2, 4 and 6 fill the chunks without a rest; in one call of 180 slices, a path
 of six actions, a slice takes two thirds of the time that it takes in three. One extended prefix takes a quarter of the
 time of eight."""

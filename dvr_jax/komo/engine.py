@@ -2,7 +2,7 @@
 compiled.
 
 The interface between search (lists of Python objects) and the compiled code (stacked arrays). Each function's result
-for one prefix does not depend on what else is in the lists."""
+for one prefix does not depend on what else is in the lists, but for the last digits of `augmented.forces`' total."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from dvr_jax.errors import DvrError
 from dvr_jax.komo.augmented import FEASIBLE, ITERATION_LIMIT, RUNNING, Lane, Settings
 from dvr_jax.komo.between import (
     BETWEEN_TOLERANCE,
@@ -124,9 +125,15 @@ def solve(problems: Sequence[Problem], starts: Sequence[Variables], settings: Se
 
     Lanes that have ended are filled again once `REFILLED` of them wait, so that the slow ones hold nobody up. A path
     whose motion penetrates between its samples goes on with other samples (`dvr_jax.komo.between`); of one with samples
-    at its slices alone nothing else is looked at."""
+    at its slices alone nothing else is looked at.
+
+    Raises:
+        DvrError: without 64-bit numbers, in which tolerances and penalties have no room.
+    """
     if not problems:
         return []
+    if not jax.config.values["jax_enable_x64"]:
+        raise DvrError("the solver needs 64-bit numbers; call it under jax.enable_x64(True).")
     T, K = len(starts[0].q), len(starts[0].m)
     is_path = T > K
     is_looked_at = is_path and problems[0].share.shape[1] > 1

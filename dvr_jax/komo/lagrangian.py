@@ -14,8 +14,7 @@ from dvr_jax.komo.banded import BorderedSystem
 from dvr_jax.komo.constraints import Rows, Slopes
 from dvr_jax.komo.problem import PARAMETERS, Problem, Variables
 from dvr_jax.komo.slices import Reduced
-from dvr_jax.komo.verdict import rest_steps
-from dvr_jax.robot.kinematics import load_arm
+from dvr_jax.komo.verdict import joint_limits, rest_steps
 
 
 class Weights(NamedTuple):
@@ -36,8 +35,7 @@ WEIGHTS = Weights()
 
 
 class Residuals(NamedTuple):
-    """Constraint rows by the sign conventions g <= 0, h = 0; forces, curvatures and multipliers have the same
-    shapes."""
+    """Constraint rows by the sign conventions g <= 0, h = 0; forces and curvatures have the same shapes."""
 
     distance: Array
     """(T', P), at the samples of the slices."""
@@ -83,11 +81,6 @@ def unpack(packed: Packed, T: int, K: int) -> Residuals:
 def _cut(value: Array, *shapes: tuple[int, ...]) -> list[Array]:
     ends = np.cumsum([math.prod(shape) for shape in shapes])[:-1]
     return [piece.reshape(shape) for piece, shape in zip(jnp.split(value, ends), shapes, strict=True)]
-
-
-def joint_limits() -> np.ndarray:
-    """(2, 14) lower and upper limits of both arms [rad]."""
-    return np.tile(load_arm().joint_limits, (1, 2))
 
 
 def residuals(problem: Problem, x: Variables, rows: Rows) -> Residuals:
@@ -143,7 +136,7 @@ def gauss_newton_system(
         problem, x: of one NLP.
         distances: what the distances add, at its T' samples.
         slopes: of switches and footprints.
-        force, curvature: of all constraint rows (`dvr_jax.komo.augmented`).
+        force, curvature: of the rows (`dvr_jax.komo.augmented`); those of the distances are in ``distances``.
         drive: factor of the costs' gradient, whose Hessian stays.
     """
     T, K = x.q.shape[0], x.m.shape[0]

@@ -63,8 +63,7 @@ _TOLERANCES = Violations(
 def measure_violations(problem: Problem, x: Variables, rows: Rows) -> Violations:
     """Largest violation of each kind of one NLP (no batch axes)."""
     T, K = x.q.shape[0], x.m.shape[0]
-    limits = jnp.asarray(load_arm().joint_limits, x.q.dtype)
-    lower, upper = jnp.tile(limits[0], 2), jnp.tile(limits[1], 2)
+    lower, upper = jnp.asarray(joint_limits(), x.q.dtype)
     limit = jnp.maximum(lower - x.q, x.q - upper)
     bounds = jnp.maximum(problem.lower - x.m, x.m - problem.upper)
     return Violations(
@@ -75,6 +74,11 @@ def measure_violations(problem: Problem, x: Variables, rows: Rows) -> Violations
         parameter=jnp.maximum(jnp.maximum(bounds.max(), rows.footprint.max()), 0),
         rest=jnp.abs(rest_steps(problem, x)).max() if T > K else jnp.zeros((), x.q.dtype),
     )
+
+
+def joint_limits() -> np.ndarray:
+    """(2, 14) lower and upper limits of both arms [rad]."""
+    return np.tile(load_arm().joint_limits, (1, 2))
 
 
 def rest_steps(problem: Problem, x: Variables) -> Array:

@@ -8,9 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from dvr_jax.komo.banded import BorderedSystem
 from dvr_jax.komo.between import PATH_SAMPLES
+from dvr_jax.komo.constraints import collect, lay_out
 from dvr_jax.komo.problem import FIXED, PLACED, Problem, Variables
+from dvr_jax.komo.slices import measure
 from dvr_jax.komo.transcription import transcribe
+from dvr_jax.komo.verdict import Violations, measure_violations
 from dvr_jax.logic import Action
 from dvr_jax.robot.kinematics import load_arm
 from dvr_jax.scene.scene import Goal, Region, SceneObject, make_scene
@@ -164,3 +168,27 @@ def pose_in_mode(case: Case, b: int, phase: int, n: int, hands: Hands) -> tuple[
     R_hand, p_hand = hands[kind - 2]
     R = R_hand @ T_object_hand_R.T
     return R, p_hand - R @ T_object_hand_p
+
+
+def written_out(system: BorderedSystem) -> np.ndarray:
+    """A system's matrix as `dvr_jax.komo.banded` describes it, block by block, lower triangle first."""
+    T, D, M = system.border.shape
+    H = np.zeros((T * D + M, T * D + M))
+    H[T * D :, T * D :] = system.corner
+    for t in range(T):
+        rows = slice(t * D, (t + 1) * D)
+        H[rows, rows] = system.diagonal[t]
+        H[T * D :, rows] = np.transpose(system.border[t])
+        if system.coupling is not None and t >= 1:
+            H[rows, (t - 1) * D : t * D] = system.coupling[t]
+        if system.far_coupling is not None and t >= 2:
+            H[rows, (t - 2) * D : (t - 1) * D] = np.diag(system.far_coupling[t])
+    return np.tril(H) + np.tril(H, -1).T
+
+
+@jax.jit
+def violations_of(problems: Problem, x: Variables) -> Violations:
+    """Of points, whatever a solver says of them."""
+    measured = measure(lay_out(problems, x))
+    rows, _ = collect(problems, x, measured.distance, measured.hand_R, measured.hand_p, measured.screws)
+    return jax.vmap(measure_violations)(problems, x, rows)

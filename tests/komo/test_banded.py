@@ -4,8 +4,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from komo_cases import written_out
 
-from dvr_jax.komo.banded import BorderedSystem, dense_matrix, solve_bordered
+from dvr_jax.komo.banded import BorderedSystem, solve_bordered
 
 JOINTS = 14
 
@@ -29,22 +30,6 @@ def sample_system(phases: int, steps: int, seed: int = 0) -> BorderedSystem:
     )
 
 
-def written_out(system: BorderedSystem) -> np.ndarray:
-    """The matrix of the module's docstring, block by block, lower triangle first."""
-    T, D, M = system.border.shape
-    H = np.zeros((T * D + M, T * D + M))
-    H[T * D :, T * D :] = system.corner
-    for t in range(T):
-        rows = slice(t * D, (t + 1) * D)
-        H[rows, rows] = system.diagonal[t]
-        H[T * D :, rows] = np.transpose(system.border[t])
-        if system.coupling is not None and t >= 1:
-            H[rows, (t - 1) * D : t * D] = system.coupling[t]
-        if system.far_coupling is not None and t >= 2:
-            H[rows, (t - 2) * D : (t - 1) * D] = np.diag(system.far_coupling[t])
-    return np.tril(H) + np.tril(H, -1).T
-
-
 @pytest.mark.parametrize(("phases", "steps"), [(1, 1), (6, 1), (1, 2), (1, 3), (2, 3), (6, 10)])
 @pytest.mark.parametrize("damping", [0.0, 0.7])
 def test_against_a_dense_solve(phases: int, steps: int, damping: float) -> None:
@@ -56,12 +41,6 @@ def test_against_a_dense_solve(phases: int, steps: int, damping: float) -> None:
     right = -np.concatenate([np.ravel(system.gradient_q), system.gradient_m])
     expected = np.linalg.solve(H + damping * np.eye(len(H)), right)
     np.testing.assert_allclose(ours, expected, rtol=1e-9, atol=1e-11)
-
-
-@pytest.mark.parametrize(("phases", "steps"), [(3, 1), (2, 3)])
-def test_dense_matrix(phases: int, steps: int) -> None:
-    system = sample_system(phases, steps)
-    np.testing.assert_array_equal(dense_matrix(system), written_out(system))
 
 
 @pytest.mark.parametrize("steps", [1, 4])

@@ -36,7 +36,7 @@ from dvr_jax.search.node import Node
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import run_alone
 
-HANDOVERS = (43, 247)
+HANDOVERS = (133, 235)
 """Of the frozen problems, two of two actions whose first path penetrates between its samples."""
 
 
@@ -187,3 +187,9 @@ def test_samples_move_to_the_deepest_place_of_their_part_and_lie_on_the_motion(
     for t in range(T):
         line = knots[t] + moved.share[t][:, None] * (knots[t + 1] - knots[t])
         np.testing.assert_allclose(line + moved.offset[t], curve(t + moved.share[t]), atol=1e-12)
+
+
+@pytest.mark.parametrize("samples", [2, 4])
+def test_samples_that_do_not_divide_the_looks_are_refused(samples: int) -> None:
+    with pytest.raises(ValueError, match=f"{samples} samples a slice; valid are divisors of 9"):
+        even_shares(5, samples)

@@ -1,25 +1,15 @@
 """What a particle proves holds in the NLP: keyframes whose violation is that of a witness are within all tolerances."""
 
-import jax
 import numpy as np
 import pytest
+from komo_cases import violations_of
 
 from dvr_jax.bench.recall import PROBLEMS, read_problems
-from dvr_jax.komo.constraints import collect, lay_out
 from dvr_jax.komo.engine import extend_prefixes, stack
 from dvr_jax.komo.particles import case_of, empty_prefix
-from dvr_jax.komo.problem import Problem, Variables
-from dvr_jax.komo.slices import measure
+from dvr_jax.komo.problem import Variables
 from dvr_jax.komo.transcription import transcribe
-from dvr_jax.komo.verdict import Violations, measure_violations
 from dvr_jax.search.solver import WITNESS
-
-
-@jax.jit
-def violations_of(problems: Problem, x: Variables) -> Violations:
-    measured = measure(lay_out(problems, x))
-    rows, _ = collect(problems, x, measured.distance, measured.hand_R, measured.hand_p, measured.screws)
-    return jax.vmap(measure_violations)(problems, x, rows)
 
 
 @pytest.mark.parametrize("length", [2, 4])

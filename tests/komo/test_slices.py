@@ -1,6 +1,7 @@
 """Slices in chunks, and what their distances add to the Gauss-Newton matrix."""
 
 from dataclasses import replace
+from functools import cache, partial
 from typing import Any
 
 import jax
@@ -9,7 +10,7 @@ import pytest
 
 from dvr_jax.geometry.distances import capsule_prism
 from dvr_jax.komo import buckets
-from dvr_jax.komo.buckets import CPU
+from dvr_jax.komo.buckets import ACCELERATOR, CPU, Buckets
 from dvr_jax.komo.constraints import lay_out
 from dvr_jax.komo.contact_rows import arm_signs
 from dvr_jax.komo.contacts import FAR, NEAR
@@ -32,6 +33,16 @@ def test_chunks_hold_all_slices_in_their_order(number: int) -> None:
         np.testing.assert_array_equal(joined[..., :number], np.broadcast_to(index, (*joined.shape[:-1], number)))
 
 
+def compiled(function: Any) -> Any:
+    """For the sizes of passes that a test has set: `jax.jit` of the same function would share its traces."""
+    return compiled_for(function, buckets.CPU)
+
+
+@cache
+def compiled_for(function: Any, sizes: Buckets) -> Any:
+    return jax.jit(partial(function))
+
+
 @pytest.fixture(scope="module")
 def crowded(keyframes: Any) -> Slices:
     """Slices of which some have an object a metre large, which the capsules of both arms are in or near."""
@@ -52,11 +63,12 @@ def near_and_exact(measured: Any) -> tuple[np.ndarray, np.ndarray]:
     return ours.T.reshape(exact.shape), np.asarray(exact)
 
 
+@pytest.mark.parametrize("near_pairs", [10, CPU.near_pairs, ACCELERATOR.near_pairs])
 def test_near_capsules_have_their_distance_and_far_ones_a_bound(
-    crowded: Slices, monkeypatch: pytest.MonkeyPatch
+    near_pairs: int, crowded: Slices, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(buckets, "CPU", replace(CPU, near_pairs=10))
-    ours, exact = near_and_exact(jax.jit(measure)(crowded))
+    monkeypatch.setattr(buckets, "CPU", replace(CPU, near_pairs=near_pairs))
+    ours, exact = near_and_exact(compiled(measure)(crowded))
     counts = ours != FAR
     near = counts & (ours < NEAR)
     per_slice = near.sum((0, 1))
@@ -68,10 +80,10 @@ def test_near_capsules_have_their_distance_and_far_ones_a_bound(
 
 def test_a_slices_distances_do_not_depend_on_its_neighbours(crowded: Slices) -> None:
     """Though they have other numbers of capsules near objects, so that its own are taken elsewhere in a pass."""
-    together = np.asarray(jax.jit(measure)(crowded).distance)
+    together = np.asarray(compiled(measure)(crowded).distance)
     for index in (1, 2):
         alone = jax.tree.map(lambda leaf, i=index: np.repeat(leaf[..., [i]], leaf.shape[-1], axis=-1), crowded)
-        np.testing.assert_array_equal(np.asarray(jax.jit(measure)(alone).distance)[index], together[index])
+        np.testing.assert_array_equal(np.asarray(compiled(measure)(alone).distance)[index], together[index])
 
 
 def pushes(measured: Any, number: int, most: int) -> tuple[np.ndarray, np.ndarray]:
@@ -87,12 +99,13 @@ def pushes(measured: Any, number: int, most: int) -> tuple[np.ndarray, np.ndarra
 
 
 @pytest.mark.parametrize("number", [0, 1, PUSHING_ROWS, PUSHING_ROWS + 1, 3 * PUSHING_ROWS, 40])
-def test_sums_are_those_of_all_rows(path: Any, number: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(buckets, "CPU", replace(CPU, pushing_parts=3))  # so that there are several passes
+@pytest.mark.parametrize("parts", [3, CPU.pushing_parts, ACCELERATOR.pushing_parts])
+def test_sums_are_those_of_all_rows(path: Any, number: int, parts: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(buckets, "CPU", replace(CPU, pushing_parts=parts))
     measured = path.results[2]
     L, P = measured.distance.shape
     force, curvature = pushes(measured, number, min(number, PUSHING_ROWS))
-    ours = jax.jit(reduce_slices)(measured, force, curvature)
+    ours = compiled(reduce_slices)(measured, force, curvature)
     J = np.asarray(jax.jit(distance_jacobian)(measured, np.tile(np.arange(P), (L, 1))))
     np.testing.assert_allclose(ours.matrix, np.einsum("lip,lp,ljp->lij", J, curvature, J), rtol=1e-10, atol=1e-10)
     np.testing.assert_allclose(ours.gradient, -np.einsum("lip,lp->li", J, force), rtol=1e-10, atol=1e-10)
@@ -102,7 +115,7 @@ def test_sums_are_those_of_all_rows(path: Any, number: int, monkeypatch: pytest.
 def test_a_slices_sums_do_not_depend_on_its_neighbours(path: Any) -> None:
     measured = path.results[2]
     middle = np.arange(len(measured.distance)) == len(measured.distance) // 2
-    few, many = (jax.jit(reduce_slices)(measured, *pushes(measured, number, 3)) for number in (3, 40))
+    few, many = (compiled(reduce_slices)(measured, *pushes(measured, number, 3)) for number in (3, 40))
     for ours, theirs in zip(few, many, strict=True):
         np.testing.assert_array_equal(np.asarray(ours)[~middle], np.asarray(theirs)[~middle])
         assert (np.asarray(ours)[middle] != np.asarray(theirs)[middle]).any()

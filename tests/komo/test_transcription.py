@@ -143,8 +143,23 @@ def test_too_small_along_the_face() -> None:
     assert refute(SIZES, grasp("left", "+y", "blade")) is None
 
 
-def test_places_are_never_refuted() -> None:
-    assert all(refute(SIZES, place("left", item.name, "goal")) is None for item in SIZES.objects)
+def test_only_what_does_not_fit_on_the_region_is_refuted_to_be_placed_there() -> None:
+    items = [
+        SceneObject("cube", "box", (0.04, 0.04, 0.04), (-0.3, 0), 0),
+        SceneObject("long", "box", (0.04, 0.23, 0.1), (0, 0), 0.2),
+        SceneObject("disc", "cylinder", (0.06, 0.1), (0.3, 0), 0),
+    ]
+    for size, refuted in [
+        ((0.18, 0.18), {"long"}),
+        ((0.22, 0.11), {"long", "disc"}),
+        ((0.11, 0.23), {"disc"}),
+        ((0.12, 0.23), set()),
+    ]:
+        scene = make_scene(items, Goal("cube", Region((0, 0.4), 0.7, size)))
+        reasons = {item.name: refute(scene, place("left", item.name, "goal")) for item in items}
+        assert {name for name, reason in reasons.items() if reason} == refuted
+        assert all(f"{name} does not fit on the goal region" in (reasons[name] or "") for name in refuted)
+        assert all(refute(scene, place("left", item.name, "table")) is None for item in items)
 
 
 @pytest.mark.parametrize(("face", "width"), [("+x", 0.05), ("-x", 0.05), ("+y", 0.16), ("-y", 0.16)])
