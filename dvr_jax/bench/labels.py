@@ -10,10 +10,11 @@ from __future__ import annotations
 import hashlib
 import os
 import sys
-from collections import defaultdict
+from collections import Counter, defaultdict
 from concurrent.futures import as_completed
 from dataclasses import dataclass
 from functools import partial
+from operator import itemgetter
 from pathlib import Path
 
 import jax
@@ -39,8 +40,8 @@ from dvr_jax.scene.types import Scene
 class LabelsOptions:
     """Judge random labels again, with an oracle of 64 random starts."""
 
-    data: Path
-    """Folder of shards."""
+    data: tuple[Path, ...]
+    """Folders of shards."""
     labels: int = 300
     """Feasible labels, and infeasible ones of each bound: nearly all are refuted by the pose bound. Those that a
     constant of the scene refutes are left out."""
@@ -67,26 +68,53 @@ def oracle_verdict(scene: Scene, label: Label, generator: np.random.Generator) -
     return oracle_path(problem, found, generator, accept)
 
 
-def draw_labels(options: LabelsOptions) -> list[tuple[Scene, Label]]:
-    """As many labels of each verdict and bound, the feasible ones first."""
-    rows: dict[str, list[tuple[Scene, Label]]] = {bound: [] for bound in ("", "pose", "sequence", "path", "check")}
+@dataclass(frozen=True)
+class Drawn:
+    """One label of a draw."""
+
+    folder: str
+    """The sweep's."""
+    scene: Scene
+    label: Label
+
+    @property
+    def verdict(self) -> str:
+        """The label's, and the bound that refutes it."""
+        return "feasible" if self.label.feasible else f"infeasible by {self.label.bound}"
+
+
+def draw_labels(options: LabelsOptions) -> tuple[list[Drawn], Counter[str]]:
+    """As many labels of each verdict and bound, the feasible ones first; and how many there are of each."""
+    generator = np.random.default_rng(options.seed)
+    drawn: dict[str, list[tuple[float, Drawn]]] = {bound: [] for bound in ("", "pose", "sequence", "path", "check")}
+    counts: Counter[str] = Counter()
     for info in find_shards(options.data):
         shard = read_shard(info.path)
-        for label in shard.labels:
-            if label.bound != "symbolic":
-                rows[label.bound].append((shard.scenes[label.scene - shard.info.scenes.start], label))
-    generator = np.random.default_rng(options.seed)
-    return [found[i] for found in rows.values() for i in generator.permutation(len(found))[: options.labels]]
+        keys = generator.random(len(shard.labels))
+        # Those of the smallest keys are a uniform draw, and few labels have to be held at a time.
+        for key, label in zip(keys.tolist(), shard.labels, strict=True):
+            if label.bound == "symbolic":
+                continue
+            scene = shard.scenes[label.scene - info.scenes.start]
+            item = Drawn(info.path.parent.name, scene, label)
+            counts[item.verdict] += 1
+            drawn[label.bound].append((key, item))
+        for rows in drawn.values():
+            rows.sort(key=itemgetter(0))
+            del rows[options.labels :]
+    return [item for rows in drawn.values() for _, item in rows], counts
 
 
-def _judge(seed: int, number: int, scene: Scene, label: Label) -> dict[str, object]:
+def _judge(seed: int, number: int, drawn: Drawn) -> dict[str, object]:
+    label = drawn.label
     with jax.enable_x64(True):
-        verdict = oracle_verdict(scene, label, np.random.default_rng([seed, number]))
+        verdict = oracle_verdict(drawn.scene, label, np.random.default_rng([seed, number]))
     return {
         "label": number,
+        "folder": drawn.folder,
         "scene": label.scene,
         "actions": label.actions,
-        "verdict": "feasible" if label.feasible else f"infeasible by {label.bound}",
+        "verdict": drawn.verdict,
         "violation": label.violation,
         "confirmed": verdict == label.feasible,
     }
@@ -97,21 +125,28 @@ def run(arguments: list[str]) -> int:
     options = tyro.cli(LabelsOptions, prog="python -m dvr_jax.bench labels", args=arguments)
     if options.labels < 1 or options.workers < 1 or options.seed < 0:
         raise DvrError("--labels and --workers are 1 or more, --seed is 0 or more.")
-    drawn = draw_labels(options)
-    checksum = hashlib.sha256(repr([label for _, label in drawn]).encode()).hexdigest()[:16]
+    drawn, totals = draw_labels(options)
+    checksum = hashlib.sha256(repr([(item.folder, item.label) for item in drawn]).encode()).hexdigest()[:16]
     ledger = Ledger(options.out, {"labels": options.labels, "seed": options.seed, "drawn": checksum}, of="label")
     todo = ledger.missing(len(drawn))
     with worker_processes(options.workers) as pool:
         judge = partial(_judge, options.seed)
-        for future in as_completed([pool.submit(judge, number, *drawn[number]) for number in todo]):
+        for future in as_completed([pool.submit(judge, number, drawn[number]) for number in todo]):
             row = future.result()
             ledger.add(row)
             if not row["confirmed"]:
                 words = " ".join(row["actions"])  # type: ignore[arg-type]
-                print(f"  not confirmed, {row['verdict']}: scene {row['scene']}, {words}", file=sys.stderr, flush=True)
-    counts: dict[str, list[bool]] = defaultdict(list)
+                place = f"scene {row['scene']} of {row['folder']}"
+                print(f"  not confirmed, {row['verdict']}: {place}, {words}", file=sys.stderr, flush=True)
+    rows: dict[str, list[bool]] = defaultdict(list)
     for kept in ledger.rows.values():
-        counts[kept["verdict"]].append(kept["confirmed"])
-    for name, verdicts in sorted(counts.items()):
-        print(f"{name:<24} {sum(verdicts):>5} of {len(verdicts):>5} confirmed ({np.mean(verdicts):.1%})")
+        rows[kept["verdict"]].append(kept["confirmed"])
+    shares = {name: float(np.mean(verdicts)) for name, verdicts in sorted(rows.items())}
+    for name, share in shares.items():
+        judged = f"{sum(rows[name]):>5} of {len(rows[name]):>5}"
+        print(f"{name:<24} {judged} confirmed ({share:.1%}), of {totals[name]:,} labels")
+    refuted = [name for name in shares if name != "feasible"]
+    if refuted:
+        share = np.average([shares[name] for name in refuted], weights=[totals[name] for name in refuted])
+        print(f"infeasible, by the number of labels of each bound: {share:.2%}")
     return 0
