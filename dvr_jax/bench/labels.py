@@ -3,7 +3,8 @@
 A row is confirmed if the oracle, under the bounds that the label speaks of, comes to the same verdict: of a row that
 the pose or the sequence bound refutes, no start finds feasible keyframes of the prefix (of the whole scene; the pose
 bound asks less and refutes more surely); of one that is feasible, or refuted by its path or the check, the oracle looks
-for a path too that the check accepts."""
+for a path too that the check accepts. A feasible label that the oracle misses is planned again, and holds if the check
+accepts that motion."""
 
 from __future__ import annotations
 
@@ -28,6 +29,7 @@ from dvr_jax.dataset.examples import find_shards
 from dvr_jax.dataset.labels import Label
 from dvr_jax.dataset.shards import read_shard
 from dvr_jax.errors import DvrError
+from dvr_jax.feasibility import feasibility
 from dvr_jax.komo.engine import Solved
 from dvr_jax.komo.interpolation import interpolate
 from dvr_jax.komo.transcription import transcribe
@@ -109,6 +111,8 @@ def _judge(seed: int, number: int, drawn: Drawn) -> dict[str, object]:
     label = drawn.label
     with jax.enable_x64(True):
         verdict = oracle_verdict(drawn.scene, label, np.random.default_rng([seed, number]))
+    missed = label.feasible and not verdict
+    (again,) = feasibility(drawn.scene, [label.actions]) if missed else (None,)
     return {
         "label": number,
         "folder": drawn.folder,
@@ -117,6 +121,7 @@ def _judge(seed: int, number: int, drawn: Drawn) -> dict[str, object]:
         "verdict": drawn.verdict,
         "violation": label.violation,
         "confirmed": verdict == label.feasible,
+        "planned again": None if again is None else again.feasible,
     }
 
 
@@ -138,6 +143,7 @@ def run(arguments: list[str]) -> int:
                 words = " ".join(row["actions"])  # type: ignore[arg-type]
                 place = f"scene {row['scene']} of {row['folder']}"
                 print(f"  not confirmed, {row['verdict']}: {place}, {words}", file=sys.stderr, flush=True)
+    again = [row["planned again"] for row in ledger.rows.values() if row["planned again"] is not None]
     rows: dict[str, list[bool]] = defaultdict(list)
     for kept in ledger.rows.values():
         rows[kept["verdict"]].append(kept["confirmed"])
@@ -145,6 +151,9 @@ def run(arguments: list[str]) -> int:
     for name, share in shares.items():
         judged = f"{sum(rows[name]):>5} of {len(rows[name]):>5}"
         print(f"{name:<24} {judged} confirmed ({share:.1%}), of {totals[name]:,} labels")
+    if again:
+        missed = f"of the {len(again)} feasible ones that the oracle misses"
+        print(f"{missed}, {sum(again)} are planned again and pass the check")
     refuted = [name for name in shares if name != "feasible"]
     if refuted:
         share = np.average([shares[name] for name in refuted], weights=[totals[name] for name in refuted])
