@@ -1,6 +1,8 @@
-"""Algorithm 1 finds a solution whenever there is one, whatever the network says (the paper's proposition)."""
+"""Algorithm 1 expands and tries what the network says, in that order, and finds a solution whenever there is one,
+whatever the network says (the paper's proposition)."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from itertools import count
 
 import numpy as np
 import pytest
@@ -8,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from dvr_jax.logic import Action, enumerate_sequences
+from dvr_jax.logic import Action, Grounding, enumerate_sequences
 from dvr_jax.scene.types import Goal, Region, Scene, SceneObject
 from dvr_jax.search.node import Node
-from dvr_jax.search.reasoning import LARGEST_BATCH
+from dvr_jax.search.reasoning import DISCOUNT, GROWTH, LARGEST_BATCH, THRESHOLD
 from dvr_jax.search.run import EXHAUSTED, SOLVED, Outcome, Run
 from dvr_jax.search.searches import steps_of
 from dvr_jax.search.tree import SequenceTree
@@ -141,3 +143,111 @@ def test_a_network_that_knows_needs_one_path_and_one_that_lies_still_finds_it(so
     # Alone at first, then in growing batches: a network that lies costs some of them, not one for each sequence.
     assert len(tried[0]) == 1 and len(tried) <= 4 + len(SEQUENCES) / LARGEST_BATCH
     assert lies or tried == [[outcome.node]]
+
+
+class Script:
+    """A network that knows the probability of each prefix, by its actions; and what it was asked, in order."""
+
+    def __init__(self, guess: Callable[[tuple[Action, ...]], float]) -> None:
+        self.guess = guess
+        self.prefixes: list[tuple[Action, ...]] = [()]
+        self.asked: list[tuple[Action, ...]] = []
+
+    def look(self, scene: Scene) -> str:
+        return "image"
+
+    def begin(self, scene: Scene, grounding: Grounding, images: str) -> "Script":
+        return self
+
+    def initial_hidden(self) -> NDArray[np.float32]:
+        return np.zeros((1, 1), np.float32)
+
+    def step(self, code: "Script", hidden: NDArray[np.float32], actions: Sequence[int]):
+        prefix = self.prefixes[int(hidden[0, 0])]
+        self.asked.append(prefix)
+        children = [(*prefix, GROUNDING.actions[index]) for index in actions]
+        after = np.arange(len(children)) + len(self.prefixes)
+        self.prefixes += children
+        return np.array([self.guess(child) for child in children], np.float32), after[:, None].astype(np.float32)
+
+
+def follow(search: str, tree: Oracle, script: Script) -> tuple[Outcome, list[list[tuple[Action, ...]]]]:
+    """How a search ends, and the sequences that it tries alone or together, in order."""
+    tried: list[list[tuple[Action, ...]]] = []
+
+    class Watched(OracleRun):
+        def judge_lines(self, leaves):
+            tried.append([leaf.actions for leaf in leaves])
+            return (yield from super().judge_lines(leaves))
+
+        def judge_leaves(self, leaves):
+            before = len(tried)
+            passed = yield from super().judge_leaves(leaves)
+            tried[before:] = [[leaf.actions for leaf in leaves]]  # and not what it does in turn
+            return passed
+
+    return run_alone(steps_of(search, Watched(tree, lambda node, path: True, lambda line: None), script)), tried
+
+
+def reaches_goal(actions: tuple[Action, ...]) -> bool:
+    return actions[-1] == Action("place", (actions[-1].arguments[0], "a", "goal"))
+
+
+LEFT, RIGHT = (
+    tuple(map(Action.parse, (f"grasp({arm}, +x, a)", f"place({arm}, a, goal)"))) for arm in ("left", "right")
+)
+AWAY = Action.parse("grasp(right, +x, b)")
+
+
+def test_the_most_promising_node_is_expanded_first() -> None:
+    """Predictions 0.9, 0.8 and 0.7 of first actions, 0.85 after the last of them: in this order, none else."""
+    deep = (AWAY, LEFT[0])
+    values = {LEFT[:1]: 0.8, RIGHT[:1]: 0.7, (AWAY,): 0.9, deep: 0.85, RIGHT: 0.6}
+    script = Script(lambda actions: values.get(actions, 0.01))
+    outcome, tried = follow("dvr", Oracle([RIGHT], [RIGHT]), script)
+    assert outcome.node is not None and outcome.node.actions == RIGHT
+    assert script.asked == [(), (AWAY,), deep, LEFT[:1], RIGHT[:1]]
+    assert tried == [[RIGHT]]
+
+
+def test_a_refuted_prefix_is_not_expanded() -> None:
+    """The pose bound of a promising grasp fails before the network is asked about what follows it."""
+
+    class Refuting(Oracle):
+        def recall_pose(self, node: Node) -> bool:
+            return node.actions[0] != AWAY
+
+    script = Script(lambda actions: {(AWAY,): 0.9, RIGHT[:1]: 0.7, RIGHT: 0.6}.get(actions, 0.01))
+    follow("dvr", Refuting([RIGHT], [RIGHT]), script)
+    assert script.asked == [(), RIGHT[:1]]
+
+
+def test_the_threshold_falls_until_the_best_leaf_exceeds_it() -> None:
+    """A leaf of 0.3 is known after two expansions and waits for as many as a threshold of 0.5 needs to fall below."""
+    values = {RIGHT[:1]: 0.9, RIGHT: 0.3, LEFT[:1]: 0.8, LEFT: 0.1}
+    script = Script(lambda actions: values.get(actions, 0.005 if reaches_goal(actions) else 0.01))
+    outcome, tried = follow("dvr", Oracle([RIGHT], [RIGHT]), script)
+    assert tried == [[RIGHT]] and outcome.node is not None
+    # It is looked at once an expansion; that of RIGHT's grasp is the first at which there is a leaf.
+    falls = next(n for n in count() if THRESHOLD * DISCOUNT**n < 0.3)
+    assert script.asked[:3] == [(), RIGHT[:1], LEFT[:1]] and len(script.asked) == 2 + falls
+
+
+def test_leaves_are_tried_from_the_best_on_and_in_growing_batches() -> None:
+    order = {sequence: 0.99 * (1 - number / len(SEQUENCES)) for number, sequence in enumerate(reversed(SEQUENCES))}
+    script = Script(lambda actions: order.get(actions, 0.995))
+    outcome, tried = follow("dvr", Oracle(SEQUENCES, []), script)
+    assert outcome.status == EXHAUSTED
+    assert {sequence for batch in tried for sequence in batch} == set(SEQUENCES)
+    assert [len(batch) for batch in tried][:4] == [1, GROWTH, GROWTH**2, LARGEST_BATCH]
+    for batch in tried:
+        assert batch == sorted(batch, key=order.__getitem__, reverse=True)
+
+
+def test_the_classifier_is_breadth_first_among_what_it_calls_feasible() -> None:
+    """A deep node of 0.9 waits for the shorter ones of 0.6, and those below the threshold for all above it."""
+    values = {LEFT[:1]: 0.6, RIGHT[:1]: 0.55, (AWAY,): 0.9, (AWAY, LEFT[0]): 0.95, RIGHT: 0.6}
+    script = Script(lambda actions: values.get(actions, 0.01))
+    outcome, tried = follow("classifier", Oracle([RIGHT], [RIGHT]), script)
+    assert outcome.node is not None and tried == [[RIGHT]]
+    assert script.asked == [(), (AWAY,), LEFT[:1], RIGHT[:1]]
