@@ -1,5 +1,6 @@
-"""Files that are written whole or not at all."""
+"""Files that are written whole or not at all, and the folders that they go to."""
 
+import errno
 import os
 from pathlib import Path
 
@@ -24,3 +25,14 @@ def write_whole(path: Path, content: bytes) -> None:
         os.fsync(folder)  # the new name is on the disk as well
     finally:
         os.close(folder)
+
+
+def require_folder(folder: Path) -> None:
+    """Make a folder unless it is there.
+
+    Raises:
+        OSError: it cannot be made, or not be written to.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(folder))

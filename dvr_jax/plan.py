@@ -14,6 +14,7 @@ import tyro
 
 from dvr_jax.check.motion import save_motion
 from dvr_jax.errors import DvrError, run_command
+from dvr_jax.files import require_folder
 from dvr_jax.planner import Plan, plan
 from dvr_jax.scene.mjcf import scene_xml
 from dvr_jax.scene.scene import load_scene, scene_to_json
@@ -104,6 +105,8 @@ def main() -> int:
         network = load_network(options.search, options.network)
     elif options.network is not None:
         raise DvrError(f"--search {options.search} takes no --network; valid with one: {', '.join(GUIDED)}.")
+    if options.out is not None:
+        require_folder(options.out)  # rather now than when a plan has been found
     result = plan(
         scene, options.search, options.k_max, options.seed, options.time_limit,
         progress=lambda line: print(f"  {line}", file=sys.stderr, flush=True),

@@ -22,7 +22,7 @@ class SampleOptions:
     """Objects in each scene, 1 to 8."""
     seed: int = 0
     """Scene i of a seed is the same whatever --number is. Seeds 1 and 2 are the benchmarks',
-    100 the shipped networks'."""
+    100 to 102 the shipped networks'."""
     shape: ShapeChoice = "box"
     """Shapes of the objects; mixed tosses a coin for each."""
     cubes: float = DEFAULT_DISTRIBUTION.cube_share

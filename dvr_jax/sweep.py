@@ -145,7 +145,9 @@ def sweep(options: SweepOptions) -> None:
             raise DvrError(f"{info.path} comes of another sweep ({info.footer.options}); choose another --out.")
         if (writer := info.footer.versions["dvr_jax"]) != __version__:
             raise DvrError(f"{info.path} was made by dvr_jax {writer}, this is {__version__}; choose another --out.")
-        labelled = map(scene_from_json, read_columns(info).json)
+        if info.scenes.stop > len(scenes):
+            raise DvrError(f"{info} goes beyond the {len(scenes)} scenes of {options.scenes}; choose another --out.")
+        labelled = (scene_from_json(text, str(info.path)) for text in read_columns(info).json)
         if not all(map(are_equal_but_for_rounding, labelled, scenes[info.scenes.start : info.scenes.stop])):
             raise DvrError(f"{info.path} holds other scenes than {options.scenes}; choose another --out.")
     covered = {index for info in done for index in info.scenes}

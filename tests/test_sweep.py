@@ -123,6 +123,14 @@ def test_shards_of_another_version_are_refused(scenes: Path, tmp_path: Path, mon
     assert "was made by dvr_jax 0.0.1" in process.stderr.read()  # type: ignore[union-attr]
 
 
+def test_shards_of_more_scenes_than_the_file_has_are_refused(scenes: Path, tmp_path: Path) -> None:
+    number = len(scenes.read_text().splitlines())
+    write_shard(tmp_path / "a.parquet", {number: SCENES[0]}, [], asdict(OPTIONS))
+    process = sweep(scenes, tmp_path)
+    assert process.wait() == 2
+    assert f"goes beyond the {number} scenes of" in process.stderr.read()  # type: ignore[union-attr]
+
+
 def test_sequences_of_one_length_come_in_an_order_of_the_scene_and_the_seed() -> None:
     def order(scene: Scene, seed: int) -> list[Node]:
         options = replace(OPTIONS, seed=seed)

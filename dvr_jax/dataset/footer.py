@@ -89,6 +89,7 @@ def decode_footer(text: bytes, path: Path) -> Footer:
         if schema != SCHEMA_VERSION:
             raise DvrError(f"{path} is a shard of schema version {schema!r}; valid is {SCHEMA_VERSION}.")
         footer = msgspec.json.decode(text, type=Footer)
+        footer.versions["dvr_jax"]
     except (ValueError, LookupError, TypeError, msgspec.MsgspecError) as error:
         raise DvrError(f"{path} has a broken footer ({error}); valid is a shard of dvr_jax.dataset.") from None
     if footer.domain != domain_signature():

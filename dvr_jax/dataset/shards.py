@@ -191,7 +191,9 @@ def read_columns(info: ShardInfo) -> Columns:
     actions = per_label.field("actions")
     words = actions.flatten().dictionary_encode()
     covered = table["scene"].to_pylist()
-    nulls = sum(array.null_count for array in (per_scene, per_label, actions, words, *per_label.flatten()))
+    nulls = sum(
+        array.null_count for array in (table["json"], per_scene, per_label, actions, words, *per_label.flatten())
+    )
     if covered != list(info.scenes) or len(per_label) != info.footer.labels or nulls:
         raise DvrError(_broken(info.path, "its rows are not those that its footer announces"))
     return Columns(

@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, Literal, get_args
 
 import jax
+import numpy as np
 from flax import traverse_util
 
 from dvr_jax.errors import DvrError
@@ -41,7 +42,7 @@ class Header:
         """The header of a file that this code can use; a DvrError names `source` and what does not fit."""
         try:
             if record["format"] != FORMAT:
-                raise DvrError(f"{source}: the format is {record['format']!r}; valid is {FORMAT}.")
+                raise DvrError(f"the format is {record['format']!r}; valid is {FORMAT}.")
             sizes = dict(record["config"])
             header = Header(
                 record["kind"],
@@ -49,6 +50,8 @@ class Header:
                 record["domain"],
                 dict(record["training"]),
             )
+        except DvrError as error:
+            raise DvrError(f"{source}: {error}") from None
         except (KeyError, TypeError, ValueError) as error:
             raise DvrError(f"{source}: the header is incomplete or of another program ({error}).") from None
         if header.kind not in get_args(Kind):
@@ -72,12 +75,14 @@ class Header:
 
 
 def checked_weights(parameters: Any, header: Header, source: str) -> Weights:
-    """Parameters as weights, if their names and shapes are those of the header's network."""
+    """Parameters as weights, if they are finite, with the names and shapes of the header's network."""
     wanted, found = flatten(parameter_shapes(header.config), "/"), flatten(parameters, "/")
     for name in sorted(wanted.keys() | found.keys()):
         shapes = [tuple(tree[name].shape) if name in tree else None for tree in (found, wanted)]
         if shapes[0] != shapes[1]:
             raise DvrError(f"{source}: the array {name} has shape {shapes[0]}; its sizes ask for {shapes[1]}.")
+        if found[name].dtype.kind != "f" or not np.isfinite(found[name]).all():
+            raise DvrError(f"{source}: the array {name} has values that are not finite numbers; train again.")
     return Weights(jax.tree.map(lambda value: jax.numpy.asarray(value, "float32"), parameters), header.config)
 
 

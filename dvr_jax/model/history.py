@@ -58,7 +58,11 @@ def read_history(path: Path) -> list[dict[str, float]]:
         except ValueError:
             if number == len(lines):
                 break
-            raise DvrError(f"{path}, line {number}: this is no record of a training; remove the file.") from None
+            record = None
+        if not isinstance(record, dict) or not all(isinstance(value, int | float) for value in record.values()):
+            record = {}
+        if "step" not in record:
+            raise DvrError(f"{path}, line {number}: this is no record of a training; remove the file.")
         records.append(record)
     return records
 

@@ -42,6 +42,8 @@ gate and the candidate."""
 
 SMALLEST_IMAGE, LARGEST_IMAGE = 8, 1024
 
+LARGEST_LAYER = 1 << 14
+
 SIZE_UNIT = math.prod(STRIDES)
 """An image's size is a multiple of this, so that every layer's stride divides it."""
 
@@ -70,19 +72,19 @@ class NetworkConfig:
     """Whether the goal's tuple is an input; without it, the network is the recurrent feasibility classifier."""
 
     def __post_init__(self) -> None:
+        numbers = {"image_size": self.image_size, "rays": self.rays, "dense": self.dense, "hidden": self.hidden}
+        numbers |= {f"channels[{i}]": value for i, value in enumerate(self.channels)}
+        for name, value in numbers.items():
+            if type(value) is not int or not 1 <= value <= LARGEST_LAYER:
+                raise DvrError(f"the network's {name} is {value}; valid are whole numbers from 1 to {LARGEST_LAYER}.")
+        for name in ("normals", "pooling", "goal"):
+            if type(getattr(self, name)) is not bool:
+                raise DvrError(f"the network's {name} is {getattr(self, name)!r}; valid are true and false.")
         if not SMALLEST_IMAGE <= self.image_size <= LARGEST_IMAGE or self.image_size % SIZE_UNIT:
             raise DvrError(
                 f"the images' size is {self.image_size} pixels; valid are multiples of {SIZE_UNIT} from "
                 f"{SMALLEST_IMAGE} to {LARGEST_IMAGE}."
             )
-        for name, value in (
-            ("rays", self.rays),
-            ("dense", self.dense),
-            ("hidden", self.hidden),
-            ("channels", min(self.channels)),
-        ):
-            if value < 1:
-                raise DvrError(f"the network's {name} is {getattr(self, name)}; valid is 1 or more.")
         if self.rays * self.image_size > LARGEST_IMAGE:
             raise DvrError(
                 f"{self.rays} rays to each of {self.image_size} pixels are {self.rays * self.image_size}; valid are at "

@@ -198,14 +198,14 @@ def prepare(
 
 def train(options: TrainOptions, data: TrainingData, network: NetworkConfig, say: Say = print) -> Weights:
     """Train from the start or from the latest checkpoint in `options.out`; returns the last weights."""
-    header = Header(options.kind, network, training=_course(options, data))
     checkpoints = CheckpointFolder(options.out / "checkpoints")
     weights = initial_weights(network, options.seed)
     state = TrainingState(weights, ADAM.init(weights.parameters), 0, options.seed)
-    if checkpoints.latest() is not None:
-        state = checkpoints.restore(state, header)
-        if state.step > options.steps:
-            raise DvrError(f"--steps is {options.steps}; the run in {options.out} is already at step {state.step}.")
+    latest = checkpoints.latest()
+    if latest is not None:
+        if latest > options.steps:
+            raise DvrError(f"--steps is {options.steps}; the run in {options.out} is already at step {latest}.")
+        state = checkpoints.restore(state, _header(options, data, network, latest))
         say(f"continues at step {state.step}")
     weights, optimizer = state.weights, state.optimizer
     positive = jnp.float32(data.positive_weight)
@@ -234,10 +234,11 @@ def train(options: TrainOptions, data: TrainingData, network: NetworkConfig, say
                 clock = time.monotonic()
             if step % options.checkpoint_every == 0 or step == options.steps:
                 _require_finite("norm of the weights", float(optax.tree.norm(weights.parameters)), step)
-                checkpoints.save(TrainingState(weights, optimizer, step, options.seed), header)
+                state = TrainingState(weights, optimizer, step, options.seed)
+                checkpoints.save(state, _header(options, data, network, step))
         records = history.records
     checkpoints.close()
-    export_weights(options.out / "network.npz", weights, header)
+    export_weights(options.out / "network.npz", weights, _header(options, data, network, options.steps))
     if not save_curves(options.out / "curves.png", records):
         say("no curves.png: matplotlib is not installed (pip install '.[plots]' in the repository)")
     return weights
@@ -261,16 +262,19 @@ def _weigh_unknown(examples: Examples, weight: float) -> Examples:
     return examples._replace(weight=weights.astype(np.float32))
 
 
-def _course(options: TrainOptions, data: TrainingData) -> dict[str, Any]:
-    """Everything on which the course of a run depends besides network, kind and domain; not when it ends."""
+def _header(options: TrainOptions, data: TrainingData, network: NetworkConfig, step: int) -> Header:
+    """What the run is after a step: with all on which its course up to there depends. That is not when it ends, unless
+    the learning rate has begun to fall towards it."""
     names = ("learning_rate", "batch", "least_feasible", "unknown", "stratified", "batch_scenes", "mirror", "seed")
-    split = "separate" if options.validation else options.held_out
-    return {
+    course: dict[str, Any] = {
         **{name: getattr(options, name) for name in names},
         "positive_weight": data.positive_weight,
-        "held_out": split,
+        "held_out": "separate" if options.validation else options.held_out,
         "data": data.fingerprint,
     }
+    if _learning_rate(options, step) < options.learning_rate:
+        course["cooldown"] = f"{options.cooldown} of {options.steps} steps"
+    return Header(options.kind, network, training=course)
 
 
 def _fingerprint(examples: Examples) -> str:

@@ -59,10 +59,23 @@ def test_shares_and_medians(printed: list[str]) -> None:
 
 def test_the_speed_up_is_over_scenes_with_the_same_length(printed: list[str]) -> None:
     start = printed.index("speed-up of dvr over mbts, scenes where both found the same length: median")
-    assert [line.split() for line in printed[start + 1 :]] == [
+    assert [line.split() for line in printed[start + 1 : -1]] == [
         ["2", "1", "scenes", "2.0x"],
         ["3", "1", "scenes", "4.0x"],
     ]
+    assert printed[-1] == "  of 3 solved by both, dvr's solution has more actions in 0, fewer in 1"
+
+
+def test_scenes_without_a_solution_are_told_of(printed: list[str]) -> None:
+    assert [line.split() for line in printed if "unsolved" in line and "scenes together" in line] == [
+        ["unsolved", "1", "9", "all", "scenes", "together:", "10", "s"],
+        ["unsolved", "2", "9", "all", "scenes", "together:", "82", "s"],
+    ]
+
+
+def test_a_comparison_of_nothing_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(DvrError, match="--searches names none; valid are dvr, classifier, mbts, bfs"):
+        search.run(["--out", str(tmp_path), "--searches"])
 
 
 @pytest.mark.parametrize(

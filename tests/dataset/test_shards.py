@@ -164,11 +164,16 @@ def test_foreign_files_are_refused(tmp_path: Path, shard: Shard) -> None:
         ({"schema": 2}, "schema version 2; valid is 1"),
         ({"domain": "0123"}, "another domain.pddl"),
         ({"first": "none"}, "broken footer"),
+        ({"versions": {}}, "broken footer"),
     ):
         pq.write_table(table.replace_schema_metadata({KEY: json.dumps(footer | changes)}), path)
         with pytest.raises(DvrError, match=message):
             list_shards(tmp_path)
     pq.write_table(table.slice(0, 3).replace_schema_metadata({KEY: json.dumps(footer)}), path)
+    with pytest.raises(DvrError, match="its rows are not those"):
+        read_shard(path)
+    nothing = pa.array([None] * len(table), pa.string())
+    pq.write_table(table.set_column(1, "json", nothing).replace_schema_metadata(table.schema.metadata), path)
     with pytest.raises(DvrError, match="its rows are not those"):
         read_shard(path)
 

@@ -91,6 +91,12 @@ def rewrite(path: Path, change: dict[str, Any]) -> None:
         ({"format": 7}, "the format is 7; valid is 2"),
         ({"config": {"hidden": 5}}, "the header is incomplete"),
         ({"config": {"hidden": 5, "channels": 3}}, "the header is incomplete"),
+        (
+            {"config": {"hidden": float("nan"), "channels": [5, 10, 10]}},
+            "network.npz: the network's hidden is nan; valid",
+        ),
+        ({"output/kernel": np.full((5, 1), np.nan)}, "output/kernel has values that are not finite numbers"),
+        ({"output/kernel": np.full((5, 1), "x")}, "output/kernel has values that are not finite numbers"),
         ({"output/kernel": np.zeros((6, 1))}, "output/kernel has shape \\(6, 1\\); its sizes ask for \\(5, 1\\)"),
     ],
 )

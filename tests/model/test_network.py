@@ -164,7 +164,10 @@ def test_parameters_are_single_precision_whatever_the_default() -> None:
         ({"image_size": 4}, "size is 4"),
         ({"image_size": 66}, "size is 66 pixels; valid are multiples of 4 from 8 to 1024"),
         ({"hidden": 0}, "hidden is 0"),
-        ({"channels": (5, 0, 10)}, "channels is \\(5, 0"),
+        ({"channels": (5, 0, 10)}, r"channels\[1\] is 0; valid are whole numbers from 1 to 16384"),
+        ({"hidden": 5.0}, "hidden is 5.0; valid are whole numbers"),
+        ({"dense": 10**12}, "dense is 1000000000000; valid are whole numbers"),
+        ({"goal": "no"}, "goal is 'no'; valid are true and false"),
     ],
 )
 def test_impossible_sizes_are_refused(wrong: dict[str, Any], message: str) -> None:

@@ -162,6 +162,8 @@ def test_a_killed_run_goes_on_to_the_same_result(tmp_path: Path) -> None:
         train(replace(cut, seed=1), data, SMALL, quiet)
     with pytest.raises(DvrError, match=r"config\.hidden = 64, this run has 65"):
         train(cut, data, replace(SMALL, hidden=65), quiet)
+    with pytest.raises(DvrError, match=r"training\.cooldown = 12 of 24 steps, this run has None"):
+        train(replace(cut, steps=48), data, SMALL, quiet)
     with pytest.raises(DvrError, match=r"--steps is 10; the run in .* is already at step 24"):
         train(replace(cut, steps=10), data, SMALL, quiet)
 
@@ -278,3 +280,11 @@ def test_history_forgets_what_came_after_the_checkpoint(tmp_path: Path) -> None:
         (20, 0.05),
         (30, 0.5),
     ]
+
+
+@pytest.mark.parametrize("line", ["5", "[1]", '{"train/loss": 1}', '{"step": "x"}', "nonsense"])
+def test_what_is_no_history_is_refused(tmp_path: Path, line: str) -> None:
+    path = tmp_path / "history.jsonl"
+    path.write_text(line + '\n{"step": 2, "train/loss": 0.5}\n')
+    with pytest.raises(DvrError, match=r"history\.jsonl, line 1: this is no record of a training"):
+        read_history(path)
