@@ -7,6 +7,7 @@ Exit codes: 0 to 1 are the command's own, 2 bad input (file, option, value), 130
 import os
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from typing import NoReturn
 
 EXIT_BAD_INPUT = 2
@@ -37,6 +38,8 @@ def run_command(main: Callable[[], int | None], at_once: bool = False) -> NoRetu
     """
     code = _run(main)
     if at_once:
+        with suppress(OSError):  # what was printed before an error or Ctrl-C
+            sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)
     sys.exit(code)

@@ -22,8 +22,9 @@ from dvr_jax.search.searches import GUIDED
 
 EXIT_SOLVED, EXIT_NONE_FOUND = 0, 1
 
-_OF_A_MOTION = ("trajectory.npz", "film.png", "plan.gif")
-"""Files that only a plan that was found has."""
+_REPLACED = ("plan.json", "trajectory.npz", "film.png", "plan.gif")
+"""Files of another plan, of which none may stay: the first one comes last, with what it describes, the others only if a
+plan was found."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ def write_plan(folder: Path, result: Plan, animation: bool) -> None:
     from dvr_jax.film import save_animation, save_depth_picture, save_film  # half a second that others need not wait
 
     folder.mkdir(parents=True, exist_ok=True)
-    for name in _OF_A_MOTION:  # another plan's
+    for name in _REPLACED:
         (folder / name).unlink(missing_ok=True)
     (folder / "scene.xml").write_text(scene_xml(result.scene), encoding="utf-8")
     save_depth_picture(folder / "depth.png", result.scene)

@@ -248,12 +248,16 @@ def _check_grasp(scene: Scene, grip: Span, replay: _Replay, log: FindingLog) -> 
 
 
 def _check_grip(scene: Scene, motion: Motion, span: Span, after: Span | None, replay: _Replay, log: FindingLog) -> None:
-    """That fingers are closed on what they hold; at the end of a span they may open once the object stands where it
-    will, or another gripper has closed on it."""
+    """That fingers are closed on what they hold; at the end of a span they may open once the object is where it will
+    stand, or another gripper has closed on it where it will hold it."""
     within = slice(span.start, span.end)
     loose = _looseness(scene, motion, span)[within]
     if after is not None and after.arm >= 0:
-        excused = _looseness(scene, motion, after)[within] <= GRIP_TOLERANCE
+        to_hand = replay.gripper_rotation[:, after.arm].transpose(0, 2, 1)
+        p = replay.object_position[:, span.object] - replay.gripper_position[:, after.arm]
+        p = np.einsum("tij,tj->ti", to_hand, p)
+        there = np.linalg.norm(p[within] - p[after.start], axis=1) <= SWITCH_SHIFT
+        excused = there & (_looseness(scene, motion, after)[within] <= GRIP_TOLERANCE)
     elif after is not None:
         p = replay.object_position[:, span.object]
         excused = np.linalg.norm(p[within] - p[after.start], axis=1) <= SWITCH_SHIFT

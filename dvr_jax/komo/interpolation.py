@@ -100,6 +100,10 @@ def _carry_objects(scene: Scene, problem: Problem, m: Floats, phase: NDArray[np.
                 p, rotation = problem.initial_pose[n, :3], Rotation.from_euler("z", problem.initial_pose[n, 3])
             qpos[np.ix_(samples, columns[:3])] = p
             qpos[np.ix_(samples, columns[3:])] = rotation.as_quat(scalar_first=True)
+    # Both signs are the same rotation; between samples that are alike a reader may take a mean.
+    for columns in qpos_layout(len(scene.objects)).objects[:, 3:]:
+        flips = np.sum(qpos[1:, columns] * qpos[:-1, columns], axis=1) < 0
+        qpos[1:, columns] *= np.where(np.cumsum(flips) % 2, -1.0, 1.0)[:, None]
 
 
 def grasp_transform(face_yaw: float, m: Floats) -> tuple[Floats, Floats]:
