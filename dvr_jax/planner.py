@@ -56,7 +56,7 @@ class Plan:
     rejected: int
     """Feasible paths that the independent check refused."""
     options: dict[str, object] = field(default_factory=dict)
-    """Search, k_max, seed and time limit."""
+    """Search, k_max, seed, checksum of the network (None without) and time limit."""
 
     @property
     def solved(self) -> bool:
@@ -151,6 +151,7 @@ def plan(
             "search": search,
             "k_max": k_max,
             "seed": seed,
+            "network": getattr(network, "checksum", None),
             "time_limit": time_limit if math.isfinite(time_limit) else None,
         },
     )

@@ -15,8 +15,6 @@ from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
 
-import jax
-import numpy as np
 import tyro
 
 from dvr_jax.bench.ledger import Ledger
@@ -121,11 +119,8 @@ def _header(options: ScenesOptions) -> dict[str, object]:
 def _hash_network(options: ScenesOptions) -> str:
     path = options.network or SHIPPED / f"{options.search}.npz"
     if path.is_dir():  # a training's, of which the latest checkpoint counts
-        leaves = jax.tree.leaves(load_network(options.search, path).weights.parameters)
-        content = b"".join(np.asarray(leaf).tobytes() for leaf in leaves)
-    else:
-        content = path.read_bytes()
-    return hashlib.sha256(content).hexdigest()[:16]
+        return load_network(options.search, path).checksum
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
 
 
 def results(options: ScenesOptions) -> Iterator[dict[str, object]]:

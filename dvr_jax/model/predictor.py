@@ -13,6 +13,7 @@ plan(scene, network=dataclasses.replace(predictor, images=images))
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -86,6 +87,12 @@ class Predictor:
     def of(weights: Weights, header: Header) -> Predictor:
         """From weights in memory."""
         return Predictor(weights, header.kind)
+
+    @property
+    def checksum(self) -> str:
+        """Of its weights, by which networks are told apart."""
+        leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(self.weights.parameters)]
+        return hashlib.sha256(b"".join(leaf.tobytes() for leaf in leaves)).hexdigest()[:16]
 
     @property
     def size(self) -> NetworkConfig:

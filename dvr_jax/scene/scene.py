@@ -182,7 +182,11 @@ def _explain(message: str) -> str:
     where = found["where"] or ""
     what = found["what"].rstrip(".")
     if "malformed" in what or "truncated" in what:
-        return f"not valid JSON ({what}); NaN and infinity are no JSON numbers."
+        reason = {
+            "invalid character": "; NaN and infinity are no JSON numbers",
+            "trailing characters": "; valid is one scene, and in a file of scenes one a line",
+        }
+        return f"not valid JSON ({what}){next((hint for key, hint in reason.items() if key in what), '')}."
     keys = _FIELDS.get(re.sub(r"\[\d+\]", "[]", where))
     if "unknown field" in what and keys is not None:
         what += f"; valid keys are {', '.join(keys)}"

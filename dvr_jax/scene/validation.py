@@ -1,7 +1,7 @@
 """When a scene is valid: every rule that a scene must hold, each with a message for whoever broke it.
 
 Rules: 1 to 8 objects with unique names of no brackets or commas, finite numbers, positive sizes, everything on the
-table, no two objects overlapping, none within an arm's column, a goal that names an object and can hold it, home
+table, no two objects overlapping, none on an arm's base, a goal that names an object and can hold it, home
 postures of seven angles within the limits.
 """
 
@@ -14,8 +14,11 @@ from dvr_jax.scene.footprint import Circle, Rectangle, fits, inside, signed_dist
 from dvr_jax.scene.types import DEFAULT_HOME, Goal, Home, Scene, SceneObject
 from dvr_jax.scene.workspace import (
     ARM_NAMES,
+    BASE_LENGTH,
     BASE_POSITIONS,
-    COLUMN_RADIUS,
+    BASE_RADIUS,
+    BASE_WIDTH,
+    BASE_YAWS,
     JOINT_LOWER,
     JOINT_UPPER,
     MAXIMUM_OBJECTS,
@@ -32,8 +35,12 @@ OVERLAP_TOLERANCE = 1e-9
 RESERVED = "(),"
 """Characters that no name has: actions are written as "place(left, yellow, goal)"."""
 
-SMALLEST_SIZE = 1e-3
-"""Nothing is thinner than this (m): below, the physics and the distances lose their meaning."""
+SMALLEST_SIZE, LARGEST_SIZE = 1e-3, 2.0
+"""Nothing is thinner than this (m): below, the physics and the distances lose their meaning. Nor larger: the camera
+hangs above."""
+
+LARGEST_YAW = 1e3
+"""Turns beyond this (rad) are no angles."""
 
 
 def make_scene(objects: Sequence[SceneObject], goal: Goal, home: Home = DEFAULT_HOME) -> Scene:
@@ -79,23 +86,28 @@ def _validate_object(item: SceneObject) -> None:
     counts = {"box": 3, "cylinder": 2}
     if item.shape not in counts:
         raise DvrError(f"{what} has the shape {item.shape!r}; valid are 'box' and 'cylinder'.")
-    _validate_numbers(f"the size of {what}", item.size, counts[item.shape], smallest=SMALLEST_SIZE)
+    _validate_numbers(f"the size of {what}", item.size, counts[item.shape], (SMALLEST_SIZE, LARGEST_SIZE), "m")
     _validate_numbers(f"the position of {what}", item.position, 2)
-    _validate_numbers(f"the yaw of {what}", (item.yaw,), 1)
+    _validate_numbers(f"the yaw of {what}", (item.yaw,), 1, (-LARGEST_YAW, LARGEST_YAW), "rad")
     if not inside(item.footprint, TABLE_FOOTPRINT):
         raise DvrError(f"{what} at {_format(item.position)} reaches off the table, whose top is {_table_in_words()}.")
-    for arm, base in zip(ARM_NAMES, BASE_POSITIONS, strict=True):
-        if signed_distance(item.footprint, Circle(base, COLUMN_RADIUS)) < -OVERLAP_TOLERANCE:
+    for arm, base, yaw in zip(ARM_NAMES, BASE_POSITIONS, BASE_YAWS, strict=True):
+        middle = (base[0] - BASE_LENGTH / 2 * math.cos(yaw), base[1] - BASE_LENGTH / 2 * math.sin(yaw))
+        plate = Rectangle(middle, (BASE_LENGTH / 2, BASE_WIDTH / 2), yaw)
+        if (
+            min(signed_distance(item.footprint, part) for part in (Circle(base, BASE_RADIUS), plate))
+            < -OVERLAP_TOLERANCE
+        ):
             raise DvrError(
-                f"{what} at {_format(item.position)} overlaps the {arm} arm's column, a disc of radius "
-                f"{COLUMN_RADIUS} m around {_format(base)}; move it away."
+                f"{what} at {_format(item.position)} overlaps the {arm} arm's base, {BASE_RADIUS} m around "
+                f"{_format(base)} and {BASE_LENGTH} m behind it; move it away."
             )
 
 
 def _validate_goal(goal: Goal) -> None:
-    _validate_numbers("the goal region's size", goal.region.size, 2, smallest=SMALLEST_SIZE)
+    _validate_numbers("the goal region's size", goal.region.size, 2, (SMALLEST_SIZE, math.inf), "m")
     _validate_numbers("the goal region's position", goal.region.position, 2)
-    _validate_numbers("the goal region's yaw", (goal.region.yaw,), 1)
+    _validate_numbers("the goal region's yaw", (goal.region.yaw,), 1, (-LARGEST_YAW, LARGEST_YAW), "rad")
     if not inside(goal.region.footprint, TABLE_FOOTPRINT):
         raise DvrError(
             f"the goal region at {_format(goal.region.position)} reaches off the table, "
@@ -122,15 +134,22 @@ def _validate_home(home: Home) -> None:
                 raise DvrError(f"joint {joint} of the {arm} arm's home is {angle:g} rad; valid is {lower} to {upper}.")
 
 
-def _validate_numbers(what: str, values: Sequence[float], count: int, smallest: float = -math.inf) -> None:
-    """Finite numbers, `count` of them, none below `smallest`."""
+def _validate_numbers(
+    what: str,
+    values: Sequence[float],
+    count: int,
+    within: tuple[float, float] = (-math.inf, math.inf),
+    unit: str = "",
+) -> None:
+    """Finite numbers, `count` of them, none outside of these bounds."""
     if len(values) != count:
         raise DvrError(f"{what} is {_format(values)}, {len(values)} numbers; valid are {count}.")
     for value in values:
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
             raise DvrError(f"{what} is {_format(values)}; valid are finite numbers.")
-        if value < smallest:
-            raise DvrError(f"{what} is {_format(values)}; valid are lengths of at least {smallest} m.")
+        if not within[0] <= value <= within[1]:
+            most = f" and at most {within[1]:g}" if math.isfinite(within[1]) else ""
+            raise DvrError(f"{what} is {_format(values)}; valid is at least {within[0]:g}{most} {unit}.")
 
 
 def _format(values: Sequence[float]) -> str:

@@ -22,8 +22,8 @@ alone what lies behind its own base."""
 BASE_YAWS: tuple[float, float] = (0.0, math.pi)
 """The bases' yaw (rad): they face each other."""
 
-COLUMN_RADIUS = 0.07
-"""Radius of a base's collision capsule (m); no object may stand within it."""
+BASE_RADIUS, BASE_LENGTH, BASE_WIDTH = 0.085, 0.125, 0.11
+"""A base's foot (m): a disc around its axis, and a plate from the axis to behind it. No object may stand on it."""
 
 NUMBER_OF_JOINTS = 7
 """Revolute joints of one arm."""

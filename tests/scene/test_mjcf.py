@@ -23,7 +23,16 @@ from dvr_jax.scene.mjcf import (
     scene_xml,
 )
 from dvr_jax.scene.scene import Goal, Region, Scene, SceneObject, make_scene
-from dvr_jax.scene.workspace import ARM_NAMES, BASE_POSITIONS, BASE_YAWS, JOINT_LOWER, JOINT_UPPER
+from dvr_jax.scene.workspace import (
+    ARM_NAMES,
+    BASE_LENGTH,
+    BASE_POSITIONS,
+    BASE_RADIUS,
+    BASE_WIDTH,
+    BASE_YAWS,
+    JOINT_LOWER,
+    JOINT_UPPER,
+)
 
 ODD_NAME = 'a/b "<&> \x01 ü 日本'
 REGION = Region((0.3, 0.2), 0.4, (0.25, 0.2))
@@ -210,3 +219,17 @@ def test_a_home_in_collision_is_refused_with_both_names() -> None:
     low = (0.0, 0.9, 0.0, -1.9, 0.0, 2.8, 0.8)
     with pytest.raises(DvrError, match=r"table.* penetrate by"):
         require_free_home(Scene(SCENE.objects, SCENE.goal, (low, SCENE.home[1])))
+
+
+@pytest.mark.parametrize("arm", [0, 1])
+def test_what_is_drawn_of_a_base_stands_on_its_foot(arm: int) -> None:
+    """The foot that `validation` keeps clear of objects, in the base's own frame."""
+    model = build_model(SCENE)
+    body = model.body(f"{ARM_NAMES[arm]}/base").id
+    reach = np.zeros(2)
+    for geom in np.flatnonzero((model.geom_bodyid == body) & (model.geom_group == LOOKS_GROUP)):
+        low = model.geom_pos[geom][2] - model.geom_aabb[geom, 5]
+        if low < 0.03:
+            centre, half = model.geom_pos[geom] + model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
+            reach = np.maximum(reach, [half[0] - centre[0], half[1] + abs(centre[1])])
+    assert 0.1 < reach[0] <= BASE_LENGTH and 0.05 < reach[1] <= max(BASE_RADIUS, BASE_WIDTH / 2)
