@@ -16,7 +16,7 @@ plan: install
 	$(BIN)/python -m dvr_jax.plan $(SCENE) --out out/plan
 
 test: install
-	$(BIN)/python -m pytest -q
+	$(BIN)/python -m pytest -q -n 2 --dist loadfile
 
 test-slow: install
 	$(BIN)/python -m pytest -q -m slow

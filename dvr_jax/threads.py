@@ -9,7 +9,7 @@ from threading import Lock
 from typing import Any
 
 import scipy.linalg.cython_lapack  # noqa: F401  what XLA's LAPACK calls go to on a CPU: loaded, so that it is found
-from threadpoolctl import ThreadpoolController
+from threadpoolctl import OpenBLASController, ThreadpoolController
 
 _lock = Lock()
 _users = 0
@@ -32,6 +32,7 @@ def linear_algebra_on_one_thread() -> Iterator[None]:
     global _users, _limit
     with _lock:
         if _users == 0:
+            _take_control()
             _limit = _controller().limit(limits=1, user_api="blas")
         _users += 1
     try:
@@ -40,4 +41,12 @@ def linear_algebra_on_one_thread() -> Iterator[None]:
         with _lock:
             _users -= 1
             if _users == 0:
+                _take_control()
                 _limit.restore_original_limits()
+                _take_control()
+
+
+def _take_control() -> None:
+    """Let whichever thread comes next set OpenBLAS's limit. To threadpoolctl it is the matter of the first thread that
+    ever set it, as long as that lives; what any other thread asks for is silently ignored."""
+    OpenBLASController.clear_controlling_thread(force=True)
