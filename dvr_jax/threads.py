@@ -32,7 +32,7 @@ def linear_algebra_on_one_thread() -> Iterator[None]:
     global _users, _limit
     with _lock:
         if _users == 0:
-            _take_control()
+            _free_control()
             _limit = _controller().limit(limits=1, user_api="blas")
         _users += 1
     try:
@@ -41,12 +41,14 @@ def linear_algebra_on_one_thread() -> Iterator[None]:
         with _lock:
             _users -= 1
             if _users == 0:
-                _take_control()
+                _free_control()
                 _limit.restore_original_limits()
-                _take_control()
+                _free_control()
 
 
-def _take_control() -> None:
-    """Let whichever thread comes next set OpenBLAS's limit. To threadpoolctl it is the matter of the first thread that
-    ever set it, as long as that lives; what any other thread asks for is silently ignored."""
+def _free_control() -> None:
+    """Let the next thread that sets OpenBLAS's limit be heard, whichever it is.
+
+    The limit is the whole process's. To threadpoolctl it belongs to the first thread that ever set it, as long as that
+    lives; all others it ignores without a word."""
     OpenBLASController.clear_controlling_thread(force=True)
