@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import dvr_jax
-from dvr_jax.compilation import KEPT, Program
+from dvr_jax.runtime.compilation import KEPT, Program
 
 CODE = """
 import sys
@@ -22,7 +22,7 @@ import numpy as np
 import jax
 import jax.numpy as jnp
 {before}
-from dvr_jax.compilation import Program
+from dvr_jax.runtime.compilation import Program
 
 traced = []
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from dvr_jax.check.motion import Motion, make_motion
+from dvr_jax.drawing.film import MOST_FRAMES, save_animation, save_depth_picture, save_film
 from dvr_jax.errors import DvrError
-from dvr_jax.film import MOST_FRAMES, save_animation, save_depth_picture, save_film
 from dvr_jax.logic import Action
+from dvr_jax.motion.motion import Motion, make_motion
+from dvr_jax.scene.files import Goal, Region, Scene, SceneObject, load_scene, make_scene
 from dvr_jax.scene.mjcf import home_qpos, qpos_layout
-from dvr_jax.scene.scene import Goal, Region, Scene, SceneObject, load_scene, make_scene
 
 SCENE = load_scene("data/scenes/figure1.json")
 ACTIONS = (Action("grasp", ("left", "+x", "yellow")), Action("place", ("left", "yellow", "table")))

@@ -11,13 +11,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from dvr_jax import plan as command
-from dvr_jax.check.motion import load_motion
-from dvr_jax.check.replay import check_motion
+from dvr_jax.checker.replay import check_motion
+from dvr_jax.cli import plan as command
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import Action
 from dvr_jax.model.predictor import load_network
-from dvr_jax.scene.scene import Goal, Region, SceneObject, load_scene, make_scene, save_scene
+from dvr_jax.motion.motion import load_motion
+from dvr_jax.scene.files import Goal, Region, SceneObject, load_scene, make_scene, save_scene
 
 NEAR = make_scene(
     [SceneObject("tile", "box", (0.05, 0.05, 0.08), (-0.35, 0.2), 0.2)],

@@ -11,7 +11,7 @@ import pytest
 
 CODE = """
 import os, signal, sys, time
-from dvr_jax.processes import worker_processes
+from dvr_jax.runtime.processes import worker_processes
 
 def work(number):
     written = f"{sys.argv[1]}/../{number}"  # renamed once it is whole: who counts the names reads what they hold

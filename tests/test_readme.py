@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from dvr_jax.plan import write_plan
+from dvr_jax.cli.plan import write_plan
 
 README = Path(__file__).parents[1] / "README.md"
 

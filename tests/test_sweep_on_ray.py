@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 from ray.cluster_utils import Cluster
 
+from dvr_jax.cli.sweep import label_scenes
 from dvr_jax.dataset.labelling import LabelOptions
 from dvr_jax.dataset.labels import sort_labels
 from dvr_jax.dataset.shards import list_shards, read_shard
+from dvr_jax.scene.files import save_scenes
 from dvr_jax.scene.sampling import sample_scenes
-from dvr_jax.scene.scene import save_scenes
-from dvr_jax.sweep import label_scenes
 
 SCENES = tuple(sample_scenes(4, 1, 4))
 

@@ -6,7 +6,7 @@ from threading import Event, Thread
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from dvr_jax.threads import linear_algebra_on_one_thread
+from dvr_jax.runtime.threads import linear_algebra_on_one_thread
 
 
 @pytest.fixture(autouse=True)

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import mujoco
 import tyro
 
-from dvr_jax.check.motion import Motion
-from dvr_jax.check.replay import DEEPEST_CONTACT
+from dvr_jax.checker.replay import DEEPEST_CONTACT
 from dvr_jax.errors import DvrError
-from dvr_jax.planner import plan
+from dvr_jax.motion.motion import Motion
+from dvr_jax.planning.planner import plan
 from dvr_jax.scene.mjcf import COLLISION_GROUP, LOOKS_GROUP, build_model_spec
 from dvr_jax.scene.sampling import sample_scenes
 from dvr_jax.scene.types import Scene
-from dvr_jax.scene.workspace import ARM_NAMES
+from dvr_jax.workcell.constants import ARM_NAMES
 
 _FIXED = {"base", "link1"}
 """Links that stand on the table."""

@@ -22,20 +22,20 @@ import jax
 import numpy as np
 import tyro
 
-from dvr_jax.bench.ledger import Ledger
 from dvr_jax.bench.recall import oracle_keyframes, oracle_path
-from dvr_jax.check.replay import check_motion
+from dvr_jax.bench.results_file import Ledger
+from dvr_jax.checker.replay import check_motion
 from dvr_jax.dataset.examples import find_shards
 from dvr_jax.dataset.labels import Label
 from dvr_jax.dataset.shards import read_shard
 from dvr_jax.errors import DvrError
-from dvr_jax.feasibility import feasibility
-from dvr_jax.komo.engine import Solved
-from dvr_jax.komo.interpolation import interpolate
-from dvr_jax.komo.transcription import transcribe
 from dvr_jax.logic import Action
-from dvr_jax.processes import worker_processes
+from dvr_jax.nlp.transcription import transcribe
+from dvr_jax.planning.feasibility import feasibility
+from dvr_jax.planning.path_motion import interpolate
+from dvr_jax.runtime.processes import worker_processes
 from dvr_jax.scene.types import Scene
+from dvr_jax.solver.engine import Solved
 
 
 @dataclass(frozen=True)

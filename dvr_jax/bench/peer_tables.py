@@ -7,7 +7,7 @@ import statistics
 from collections.abc import Sequence
 from typing import Any
 
-from dvr_jax.komo.between import PATH_SAMPLES
+from dvr_jax.solver.continuous_collision import PATH_SAMPLES
 
 LEGEND = """\
 feasible: by each one's own verdict (robotic's: its scaled violations add up to less than 0.1, equalities and

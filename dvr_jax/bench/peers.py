@@ -29,7 +29,6 @@ import jax.numpy as jnp
 import numpy as np
 import tyro
 
-from dvr_jax.bench.ledger import Ledger
 from dvr_jax.bench.peer_tables import FINER, print_tables
 from dvr_jax.bench.rai import (
     CLEARANCE,
@@ -44,24 +43,25 @@ from dvr_jax.bench.rai import (
     to_variables,
 )
 from dvr_jax.bench.recall import find_sequences, judge_prefix, random_extension
-from dvr_jax.check.replay import check_motion
-from dvr_jax.compilation import Program
+from dvr_jax.bench.results_file import Ledger
+from dvr_jax.checker.replay import check_motion
 from dvr_jax.errors import DvrError
-from dvr_jax.komo.augmented import Settings
-from dvr_jax.komo.buckets import buckets
-from dvr_jax.komo.engine import Solved, solve, stack
-from dvr_jax.komo.interpolation import interpolate
-from dvr_jax.komo.problem import Problem, Variables
-from dvr_jax.komo.solver import judge, lay_out_chunks, measure_chunk, start
-from dvr_jax.komo.starts import STEPS_PER_PHASE, path_problem, path_start
-from dvr_jax.komo.transcription import transcribe
-from dvr_jax.komo.verdict import PENETRATION_TOLERANCE
 from dvr_jax.logic import Action, Grounding
+from dvr_jax.nlp.problem import Problem, Variables
+from dvr_jax.nlp.tolerances import PENETRATION_TOLERANCE
+from dvr_jax.nlp.transcription import transcribe
+from dvr_jax.planning.path_motion import interpolate
+from dvr_jax.runtime.batch_sizes import buckets
+from dvr_jax.runtime.compilation import Program
 from dvr_jax.scene.sampling import scene_of_seed
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.node import Node
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import run_alone
+from dvr_jax.seeds.initial_paths import STEPS_PER_PHASE, path_problem, path_start
+from dvr_jax.solver.augmented_lagrangian import Settings
+from dvr_jax.solver.engine import Solved, solve, stack
+from dvr_jax.solver.iteration import judge, lay_out_chunks, measure_chunk, start
 
 LENGTHS = range(2, 7)
 """Lengths of the sequences."""

@@ -32,12 +32,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvr_jax.errors import DvrError
-from dvr_jax.komo.problem import HELD_LEFT, Problem, Variables
-from dvr_jax.komo.transcription import GRASP_MARGIN, PITCH_LIMIT
 from dvr_jax.logic import ARMS, FACES, Action, object_of
-from dvr_jax.robot.kinematics import base_pose, load_arm
+from dvr_jax.nlp.problem import HELD_LEFT, Problem, Variables
+from dvr_jax.nlp.transcription import GRASP_MARGIN, PITCH_LIMIT
 from dvr_jax.scene.types import Scene, SceneObject
-from dvr_jax.scene.workspace import ARM_NAMES, FINGER_OPEN, NUMBER_OF_JOINTS, TABLE_HALF_EXTENTS
+from dvr_jax.workcell.constants import ARM_NAMES, FINGER_OPEN, NUMBER_OF_JOINTS, TABLE_HALF_EXTENTS
+from dvr_jax.workcell.kinematics import base_pose, load_arm
 
 Floats = NDArray[np.float64]
 
@@ -65,7 +65,7 @@ _LEVELS = {
     "finger_left": -1,
     "finger_right": -1,
 }
-"""-n: the capsule does not meet its own link's n ancestors; this leaves the pairs of `dvr_jax.komo.contact_rows`."""
+"""-n: the capsule does not meet its own link's n ancestors; this leaves the pairs of `dvr_jax.nlp.collision_rows`."""
 
 
 @cache

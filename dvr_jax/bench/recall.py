@@ -24,28 +24,28 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 
-from dvr_jax.check import CheckReport, describe
-from dvr_jax.check.replay import check_motion
+from dvr_jax.checker import CheckReport, describe
+from dvr_jax.checker.replay import check_motion
 from dvr_jax.errors import DvrError
-from dvr_jax.feasibility import motion_of
-from dvr_jax.files import write_whole
-from dvr_jax.komo.augmented import Settings
-from dvr_jax.komo.engine import Solved, solve
-from dvr_jax.komo.problem import Problem, Variables
-from dvr_jax.komo.proposals import PITCH_RANGE
-from dvr_jax.komo.starts import path_problem, path_start
-from dvr_jax.komo.transcription import refute, transcribe
 from dvr_jax.logic import Action, Grounding, ground_actions
-from dvr_jax.processes import worker_processes
-from dvr_jax.robot.kinematics import load_arm
+from dvr_jax.nlp.problem import Problem, Variables
+from dvr_jax.nlp.transcription import refute, transcribe
+from dvr_jax.planning.feasibility import motion_of
+from dvr_jax.runtime.files import write_whole
+from dvr_jax.runtime.processes import worker_processes
+from dvr_jax.scene.files import scene_from_json, scene_to_json
 from dvr_jax.scene.sampling import sample_scene
-from dvr_jax.scene.scene import scene_from_json, scene_to_json
 from dvr_jax.scene.types import Scene
-from dvr_jax.scene.workspace import TABLE_HALF_EXTENTS
 from dvr_jax.search.node import Node
 from dvr_jax.search.run import Run
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import Steps, run_alone, run_together
+from dvr_jax.seeds.initial_paths import path_problem, path_start
+from dvr_jax.seeds.proposals import PITCH_RANGE
+from dvr_jax.solver.augmented_lagrangian import Settings
+from dvr_jax.solver.engine import Solved, solve
+from dvr_jax.workcell.constants import TABLE_HALF_EXTENTS
+from dvr_jax.workcell.kinematics import load_arm
 
 PROBLEMS = Path("bench/recall_problems.jsonl")
 

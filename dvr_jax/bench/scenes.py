@@ -17,17 +17,17 @@ from pathlib import Path
 
 import tyro
 
-from dvr_jax.bench.ledger import Ledger
+from dvr_jax.bench.results_file import Ledger
 from dvr_jax.errors import DvrError
 from dvr_jax.model.predictor import SHIPPED, Predictor, load_network
-from dvr_jax.planner import plan
-from dvr_jax.processes import worker_processes
+from dvr_jax.planning.planner import plan
+from dvr_jax.runtime.processes import worker_processes
 from dvr_jax.scene.sampling import DEFAULT_DISTRIBUTION, SceneDistribution, ShapeChoice, scene_of_seed
 from dvr_jax.scene.types import Scene
-from dvr_jax.scene.workspace import MAXIMUM_OBJECTS
 from dvr_jax.search.run import EXHAUSTED
 from dvr_jax.search.searches import GUIDED, SEARCHES
 from dvr_jax.search.warm import warm_up
+from dvr_jax.workcell.constants import MAXIMUM_OBJECTS
 
 
 @dataclass(frozen=True)

@@ -14,20 +14,20 @@ import numpy as np
 import tyro
 
 from dvr_jax.bench.recall import PROBLEMS, judge_prefix, random_keyframes, read_problems
-from dvr_jax.compilation import Program
-from dvr_jax.komo.augmented import Settings
-from dvr_jax.komo.buckets import buckets
-from dvr_jax.komo.engine import extend_prefixes, extension_lanes, solve, stack
-from dvr_jax.komo.slices import reduce_slices
-from dvr_jax.komo.solver import judge, lay_out_chunks, measure_chunk, start
-from dvr_jax.komo.starts import keyframe_start, path_problem, path_start
-from dvr_jax.komo.transcription import transcribe
 from dvr_jax.logic import Action
+from dvr_jax.nlp.slices import reduce_slices
+from dvr_jax.nlp.transcription import transcribe
+from dvr_jax.runtime.batch_sizes import buckets
+from dvr_jax.runtime.compilation import Program
 from dvr_jax.scene.sampling import sample_scenes
 from dvr_jax.search.node import Node
-from dvr_jax.search.solver import WITNESS
+from dvr_jax.search.node_solver import WITNESS
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import run_alone
+from dvr_jax.seeds.initial_paths import keyframe_start, path_problem, path_start
+from dvr_jax.solver.augmented_lagrangian import Settings
+from dvr_jax.solver.engine import extend_prefixes, extension_lanes, solve, stack
+from dvr_jax.solver.iteration import judge, lay_out_chunks, measure_chunk, start
 
 
 @dataclass(frozen=True)

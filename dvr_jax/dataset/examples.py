@@ -19,8 +19,8 @@ from dvr_jax.dataset.shards import SUFFIX, Columns, list_shards, read_columns, r
 from dvr_jax.dataset.symbols import Symbols, scene_symbols
 from dvr_jax.dataset.targets import Verdicts, targets
 from dvr_jax.errors import DvrError
-from dvr_jax.komo.transcription import is_duplicate, refute
-from dvr_jax.scene.scene import scene_from_json
+from dvr_jax.nlp.transcription import is_duplicate, refute
+from dvr_jax.scene.files import scene_from_json
 from dvr_jax.scene.types import Scene
 
 PADDING = -1

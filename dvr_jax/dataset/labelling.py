@@ -9,14 +9,14 @@ from dataclasses import dataclass
 
 from dvr_jax.dataset.labels import Label
 from dvr_jax.errors import DvrError
-from dvr_jax.komo.engine import Solved
-from dvr_jax.scene.scene import scene_to_json
+from dvr_jax.scene.files import scene_to_json
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.node import Node
 from dvr_jax.search.run import Outcome, Run
 from dvr_jax.search.searches import multi_bound
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import Steps
+from dvr_jax.solver.engine import Solved
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from dvr_jax.dataset.examples import labelled_sequences, scenes_of
 from dvr_jax.dataset.footer import ShardInfo
 from dvr_jax.dataset.shards import SUFFIX, list_shards, read_columns
 from dvr_jax.errors import DvrError
-from dvr_jax.files import write_whole
+from dvr_jax.runtime.files import write_whole
 
 MANIFEST = "_manifest.json"
 """Readers of Parquet folders (pyarrow, pandas, DuckDB's and Spark's) take no file for data whose name begins so."""

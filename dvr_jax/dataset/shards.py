@@ -34,8 +34,8 @@ from dvr_jax.dataset.footer import Footer, ShardInfo, decode_footer, make_footer
 from dvr_jax.dataset.labels import Label, same_label, sort_labels, validate_labels
 from dvr_jax.dataset.symbols import scene_symbols
 from dvr_jax.errors import DvrError
-from dvr_jax.files import write_whole
-from dvr_jax.scene.scene import scene_from_json, scene_to_json
+from dvr_jax.runtime.files import write_whole
+from dvr_jax.scene.files import scene_from_json, scene_to_json
 from dvr_jax.scene.types import Scene
 
 KEY = b"dvr_jax"

@@ -34,7 +34,7 @@ def materialize(value: _Tree) -> _Tree:
 
     XLA's CPU backend fuses a cheap elementwise producer into each of its consumers and computes it anew in all of
     them; along a chain (seven joints, a bracketing search) work and compile time multiply at every link. A barrier ends
-    the chain, if the backend is told to keep barriers until it has fused (`dvr_jax.compilation`)."""
+    the chain, if the backend is told to keep barriers until it has fused (`dvr_jax.runtime.compilation`)."""
     return jax.lax.optimization_barrier(value)
 
 

@@ -12,9 +12,9 @@ import numpy as np
 from flax import traverse_util
 
 from dvr_jax.errors import DvrError
-from dvr_jax.files import write_whole
 from dvr_jax.model.header import Header, checked_weights, flatten
 from dvr_jax.model.network import Weights
+from dvr_jax.runtime.files import write_whole
 
 _HEADER = "header"
 """Name of the header among the arrays of a file."""

@@ -9,7 +9,7 @@ from types import TracebackType
 from tensorboardX import SummaryWriter
 
 from dvr_jax.errors import DvrError
-from dvr_jax.files import write_whole
+from dvr_jax.runtime.files import write_whole
 
 TITLES = {
     "loss": "loss",

@@ -13,10 +13,10 @@ import jax
 import numpy as np
 
 from dvr_jax.dataset.footer import ShardInfo, versions
-from dvr_jax.files import write_whole
 from dvr_jax.model.export import load_weights
 from dvr_jax.model.history import read_history
 from dvr_jax.model.run import TrainingData
+from dvr_jax.runtime.files import write_whole
 
 
 def write_manifest(folder: Path, data: TrainingData, command: Sequence[str], shards: Sequence[ShardInfo]) -> None:

@@ -25,7 +25,6 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from dvr_jax.compilation import Program
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import Grounding, ground_actions
 from dvr_jax.model.encoding import encode_actions, goal_tuple
@@ -33,8 +32,9 @@ from dvr_jax.model.export import load_weights
 from dvr_jax.model.header import Header, Kind
 from dvr_jax.model.images import SceneImages, scene_images, stack_images
 from dvr_jax.model.network import NetworkConfig, Weights, encode_images, encode_symbols, input_gates, step_from_gates
+from dvr_jax.runtime.compilation import Program
 from dvr_jax.scene.types import Scene
-from dvr_jax.scene.workspace import MAXIMUM_OBJECTS
+from dvr_jax.workcell.constants import MAXIMUM_OBJECTS
 
 BATCH_SIZES = (16, 64, 256)
 """Rows for which `step` is compiled; fewer are padded, more go in several calls. The children of a node are at most 16

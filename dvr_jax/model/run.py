@@ -22,7 +22,6 @@ import optax
 
 from dvr_jax.dataset import Examples
 from dvr_jax.errors import DvrError
-from dvr_jax.files import write_whole
 from dvr_jax.model.batches import (
     Draws,
     SceneTable,
@@ -39,6 +38,7 @@ from dvr_jax.model.history import History, save_curves
 from dvr_jax.model.images import LARGEST_HEIGHT, UNIT_HEIGHT, WHOLE_PIXEL, ImageStack, scene_images, stack_images
 from dvr_jax.model.network import NetworkConfig, Weights, initial_weights
 from dvr_jax.model.training import ADAM, Judge, Validation, train_step
+from dvr_jax.runtime.files import write_whole
 from dvr_jax.scene.pinhole import SCENE_CAMERA
 from dvr_jax.scene.types import Scene
 

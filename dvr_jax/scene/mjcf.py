@@ -23,7 +23,7 @@ from dvr_jax.errors import DvrError
 from dvr_jax.scene.colours import GOAL_COLOUR, object_colours
 from dvr_jax.scene.pinhole import SCENE_CAMERA
 from dvr_jax.scene.types import Scene, SceneObject
-from dvr_jax.scene.workspace import (
+from dvr_jax.workcell.constants import (
     ARM_NAMES,
     BASE_POSITIONS,
     BASE_YAWS,
@@ -203,4 +203,4 @@ def _yaw_quaternion(yaw: float) -> list[float]:
 
 @cache
 def _panda_spec() -> mujoco.MjSpec:
-    return mujoco.MjSpec.from_string((files("dvr_jax.scene") / "panda.xml").read_text(encoding="utf-8"))
+    return mujoco.MjSpec.from_string((files("dvr_jax.workcell.panda") / "panda.xml").read_text(encoding="utf-8"))

@@ -14,11 +14,11 @@ from typing import Literal, get_args
 import numpy as np
 
 from dvr_jax.errors import DvrError
+from dvr_jax.geometry.footprint import inside
 from dvr_jax.scene.colours import PALETTE
-from dvr_jax.scene.footprint import inside
 from dvr_jax.scene.types import Goal, Region, Scene, SceneObject, Shape
 from dvr_jax.scene.validation import make_scene
-from dvr_jax.scene.workspace import BASE_POSITIONS, MAXIMUM_OBJECTS
+from dvr_jax.workcell.constants import BASE_POSITIONS, MAXIMUM_OBJECTS
 
 ShapeChoice = Literal["box", "cylinder", "mixed"]
 """Which shapes are drawn; "mixed" tosses a coin for each object."""

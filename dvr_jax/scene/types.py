@@ -7,8 +7,8 @@ The records check nothing; `validation.validate_scene` and the factory `validati
 from dataclasses import dataclass
 from typing import Literal
 
-from dvr_jax.scene.footprint import Circle, Footprint, Rectangle
-from dvr_jax.scene.workspace import HOME_POSTURE
+from dvr_jax.geometry.footprint import Circle, Footprint, Rectangle
+from dvr_jax.workcell.constants import HOME_POSTURE
 
 Shape = Literal["box", "cylinder"]
 

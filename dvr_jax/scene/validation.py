@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from itertools import combinations
 
 from dvr_jax.errors import DvrError
-from dvr_jax.scene.footprint import Circle, Rectangle, fits, inside, signed_distance
+from dvr_jax.geometry.footprint import Circle, Rectangle, fits, inside, signed_distance
 from dvr_jax.scene.types import DEFAULT_HOME, Goal, Home, Scene, SceneObject
-from dvr_jax.scene.workspace import (
+from dvr_jax.workcell.constants import (
     ARM_NAMES,
     BASE_LENGTH,
     BASE_POSITIONS,

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from dvr_jax.komo.particles import Particles
-from dvr_jax.komo.problem import Problem
 from dvr_jax.logic import Action
+from dvr_jax.nlp.problem import Problem
+from dvr_jax.seeds.keyframe_beam import Particles
 
 
 @dataclass(slots=True, eq=False)

@@ -8,12 +8,12 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-from dvr_jax.komo.engine import Solved
-from dvr_jax.komo.problem import Variables
+from dvr_jax.nlp.problem import Variables
 from dvr_jax.search.node import Node
-from dvr_jax.search.solver import PATH_STARTS
+from dvr_jax.search.node_solver import PATH_STARTS
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import Steps
+from dvr_jax.solver.engine import Solved
 
 Accept = Callable[[Node, Solved], bool]
 """Takes a feasible path and says whether the independent check accepts it."""

@@ -15,9 +15,9 @@ from collections.abc import Callable
 
 from dvr_jax.errors import DvrError
 from dvr_jax.search.node import Node
+from dvr_jax.search.node_solver import OutOfTime
 from dvr_jax.search.reasoning import Network, feasibility_classifier, visual_reasoning
 from dvr_jax.search.run import EXHAUSTED, TIME_LIMIT, Accept, Outcome, Progress, Run
-from dvr_jax.search.solver import OutOfTime
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import Steps, run_alone
 

@@ -21,15 +21,15 @@ import math
 from collections.abc import Sequence
 from itertools import groupby
 
-from dvr_jax.komo.augmented import Settings
-from dvr_jax.komo.particles import empty_prefix
-from dvr_jax.komo.transcription import is_duplicate, refute
 from dvr_jax.logic import Action, Grounding, ground_actions, object_of
+from dvr_jax.nlp.transcription import is_duplicate, refute
 from dvr_jax.scene.mjcf import require_free_home
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.node import Node
-from dvr_jax.search.solver import NodeSolver
+from dvr_jax.search.node_solver import NodeSolver
 from dvr_jax.search.work import Steps
+from dvr_jax.seeds.keyframe_beam import empty_prefix
+from dvr_jax.solver.augmented_lagrangian import Settings
 
 _PoseKey = tuple[tuple[Action, ...], frozenset[str]]
 """Actions on one object, and the other objects that have moved meanwhile."""

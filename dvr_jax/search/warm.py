@@ -10,18 +10,18 @@ from threading import Event, Thread
 import jax
 import jax.numpy as jnp
 
-from dvr_jax.komo.augmented import Settings
-from dvr_jax.komo.between import look_between
-from dvr_jax.komo.buckets import buckets
-from dvr_jax.komo.engine import extend_prefixes, solve, stack
-from dvr_jax.komo.particles import empty_prefix
-from dvr_jax.komo.problem import PARAMETERS, Variables
-from dvr_jax.komo.starts import path_problem, path_start
-from dvr_jax.komo.transcription import transcribe
 from dvr_jax.logic import Action
+from dvr_jax.nlp.problem import PARAMETERS, Variables
+from dvr_jax.nlp.transcription import transcribe
+from dvr_jax.runtime.batch_sizes import buckets
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.reasoning import Network
 from dvr_jax.search.tree import SequenceTree
+from dvr_jax.seeds.initial_paths import path_problem, path_start
+from dvr_jax.seeds.keyframe_beam import empty_prefix
+from dvr_jax.solver.augmented_lagrangian import Settings
+from dvr_jax.solver.continuous_collision import look_between
+from dvr_jax.solver.engine import extend_prefixes, solve, stack
 
 _ready: set[tuple[int, int, Hashable]] = set()
 """Number of objects, number of actions and size of the network whose programs this process has."""

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import Any, TypeVar
 
-from dvr_jax.komo.augmented import Settings
-from dvr_jax.komo.engine import Solved, extend_prefixes, extension_lanes, solve
-from dvr_jax.komo.particles import Particles
-from dvr_jax.komo.problem import Problem, Variables
+from dvr_jax.nlp.problem import Problem, Variables
+from dvr_jax.seeds.keyframe_beam import Particles
+from dvr_jax.solver.augmented_lagrangian import Settings
+from dvr_jax.solver.engine import Solved, extend_prefixes, extension_lanes, solve
 
 
 @dataclass(frozen=True, slots=True)

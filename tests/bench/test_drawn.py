@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from dvr_jax.bench.drawn import drawn_penetrations
-from dvr_jax.check.motion import Motion, make_motion
+from dvr_jax.motion.motion import Motion, make_motion
+from dvr_jax.scene.files import Goal, Region, Scene, SceneObject, make_scene
 from dvr_jax.scene.mjcf import COLLISION_GROUP, LOOKS_GROUP, build_model, home_qpos
-from dvr_jax.scene.scene import Goal, Region, Scene, SceneObject, make_scene
 
 STEP = 0.02
 

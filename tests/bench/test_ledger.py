@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from dvr_jax.bench import ledger
-from dvr_jax.bench.ledger import Ledger
+from dvr_jax.bench.results_file import Ledger
 from dvr_jax.errors import DvrError
 
 

@@ -19,15 +19,15 @@ from dvr_jax.bench.rai import (
 )
 from dvr_jax.bench.recall import judge_prefix
 from dvr_jax.errors import DvrError
-from dvr_jax.komo.starts import STEPS_PER_PHASE
-from dvr_jax.komo.transcription import refute, transcribe
 from dvr_jax.logic import Action, ground_actions
+from dvr_jax.nlp.transcription import refute, transcribe
 from dvr_jax.scene.mjcf import build_model, home_qpos, object_body_name, qpos_layout
 from dvr_jax.scene.types import Goal, Region, Scene, SceneObject
 from dvr_jax.scene.validation import make_scene
-from dvr_jax.scene.workspace import ARM_NAMES
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import run_alone
+from dvr_jax.seeds.initial_paths import STEPS_PER_PHASE
+from dvr_jax.workcell.constants import ARM_NAMES
 
 try:
     load_robotic()

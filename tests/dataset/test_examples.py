@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from synthetic import OPTIONS, synthetic
 
-from dvr_jax import train
+from dvr_jax.cli import train
 from dvr_jax.dataset import Examples, Label, count_targets, load_examples, read_shard, targets, write_manifest
 from dvr_jax.dataset import write_shard as write
 from dvr_jax.dataset.manifest import count_infeasible_sequences

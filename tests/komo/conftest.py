@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from komo_cases import Case, Floats, make_case
 
-from dvr_jax.komo.constraints import Rows, Slopes, collect, lay_out
-from dvr_jax.komo.contact_rows import arm_signs
-from dvr_jax.komo.problem import Problem, Variables
-from dvr_jax.komo.slices import Measured, distance_jacobian, measure
+from dvr_jax.nlp.collision_rows import arm_signs
+from dvr_jax.nlp.constraints import Rows, Slopes, collect, lay_out
+from dvr_jax.nlp.problem import Problem, Variables
+from dvr_jax.nlp.slices import Measured, distance_jacobian, measure
 
 
 class Jacobians(NamedTuple):

@@ -8,16 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from dvr_jax.komo.banded import BorderedSystem
-from dvr_jax.komo.between import PATH_SAMPLES
-from dvr_jax.komo.constraints import collect, lay_out
-from dvr_jax.komo.problem import FIXED, PLACED, Problem, Variables
-from dvr_jax.komo.slices import measure
-from dvr_jax.komo.transcription import transcribe
-from dvr_jax.komo.verdict import Violations, measure_violations
 from dvr_jax.logic import Action
-from dvr_jax.robot.kinematics import load_arm
-from dvr_jax.scene.scene import Goal, Region, SceneObject, make_scene
+from dvr_jax.nlp.constraints import collect, lay_out
+from dvr_jax.nlp.problem import FIXED, PLACED, Problem, Variables
+from dvr_jax.nlp.slices import measure
+from dvr_jax.nlp.tolerances import Violations, measure_violations
+from dvr_jax.nlp.transcription import transcribe
+from dvr_jax.scene.files import Goal, Region, SceneObject, make_scene
+from dvr_jax.solver.banded import BorderedSystem
+from dvr_jax.solver.continuous_collision import PATH_SAMPLES
+from dvr_jax.workcell.kinematics import load_arm
 
 Floats = NDArray[np.float64]
 Hands = Sequence[tuple[Floats, Floats]]
@@ -171,7 +171,7 @@ def pose_in_mode(case: Case, b: int, phase: int, n: int, hands: Hands) -> tuple[
 
 
 def written_out(system: BorderedSystem) -> np.ndarray:
-    """A system's matrix as `dvr_jax.komo.banded` describes it, block by block, lower triangle first."""
+    """A system's matrix as `dvr_jax.solver.banded` describes it, block by block, lower triangle first."""
     T, D, M = system.border.shape
     H = np.zeros((T * D + M, T * D + M))
     H[T * D :, T * D :] = system.corner

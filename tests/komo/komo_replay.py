@@ -7,9 +7,9 @@ import numpy as np
 from komo_cases import SCENE, Case, Floats, pose_in_mode
 from scipy.spatial.transform import Rotation
 
-from dvr_jax.komo.contact_rows import ABOVE_TABLE, CROSS_PAIRS, SELF_PAIRS
+from dvr_jax.nlp.collision_rows import ABOVE_TABLE, CROSS_PAIRS, SELF_PAIRS
 from dvr_jax.scene.mjcf import CAPSULE_NAMES, build_home_data, build_model_spec, object_body_name, qpos_layout
-from dvr_jax.scene.workspace import ARM_NAMES
+from dvr_jax.workcell.constants import ARM_NAMES
 
 Names = tuple[str, str]
 
@@ -51,7 +51,7 @@ class Replay:
         return [(site.xmat.reshape(3, 3).copy(), site.xpos.copy()) for site in sites]
 
     def openings(self, b: int, t: int) -> Floats:
-        """Of a phase; in the slice of its switch the wider of before and after, as `dvr_jax.komo.constraints` has
+        """Of a phase; in the slice of its switch the wider of before and after, as `dvr_jax.nlp.constraints` has
         it."""
         before, after = self.case.problems.opening[b, self.case.phase(t) : self.case.phase(t) + 2]
         switching = (t // self.case.samples + 1) % self.case.steps == 0

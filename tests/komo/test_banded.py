@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from komo_cases import written_out
 
-from dvr_jax.komo.banded import BorderedSystem, solve_bordered
+from dvr_jax.solver.banded import BorderedSystem, solve_bordered
 
 JOINTS = 14
 

@@ -11,11 +11,22 @@ import pytest
 from scipy.interpolate import PchipInterpolator
 
 from dvr_jax.bench.recall import PROBLEMS, judge_prefix, read_problems
-from dvr_jax.check import CheckReport
-from dvr_jax.check.replay import DEEPEST_CONTACT, check_motion
-from dvr_jax.komo import buckets, engine, interpolation
-from dvr_jax.komo.augmented import FEASIBLE, ITERATION_LIMIT, Settings
-from dvr_jax.komo.between import (
+from dvr_jax.checker import CheckReport
+from dvr_jax.checker.replay import DEEPEST_CONTACT, check_motion
+from dvr_jax.nlp.tolerances import REST_TOLERANCE
+from dvr_jax.nlp.transcription import transcribe
+from dvr_jax.planning import path_motion as interpolation
+from dvr_jax.planning.path_motion import interpolate
+from dvr_jax.runtime import batch_sizes as buckets
+from dvr_jax.scene.mjcf import build_model
+from dvr_jax.scene.types import Scene
+from dvr_jax.search.node import Node
+from dvr_jax.search.tree import SequenceTree
+from dvr_jax.search.work import run_alone
+from dvr_jax.seeds.initial_paths import STEPS_PER_PHASE, keyframe_start, path_problem, path_start
+from dvr_jax.solver import engine
+from dvr_jax.solver.augmented_lagrangian import FEASIBLE, ITERATION_LIMIT, Settings
+from dvr_jax.solver.continuous_collision import (
     BETWEEN_TOLERANCE,
     PATH_SAMPLES,
     SAMPLES_PER_SLICE,
@@ -25,16 +36,7 @@ from dvr_jax.komo.between import (
     look_between,
     move_samples,
 )
-from dvr_jax.komo.engine import Solved, solve
-from dvr_jax.komo.interpolation import interpolate
-from dvr_jax.komo.starts import STEPS_PER_PHASE, keyframe_start, path_problem, path_start
-from dvr_jax.komo.transcription import transcribe
-from dvr_jax.komo.verdict import REST_TOLERANCE
-from dvr_jax.scene.mjcf import build_model
-from dvr_jax.scene.types import Scene
-from dvr_jax.search.node import Node
-from dvr_jax.search.tree import SequenceTree
-from dvr_jax.search.work import run_alone
+from dvr_jax.solver.engine import Solved, solve
 
 HANDOVERS = (133, 235)
 """Of the frozen problems, two of two actions whose first path penetrates between its samples."""

@@ -11,14 +11,16 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from dvr_jax.bench.recall import random_keyframes
 from dvr_jax.errors import DvrError
-from dvr_jax.komo import buckets, engine, solver
-from dvr_jax.komo.augmented import FEASIBLE, ITERATION_LIMIT, STAGNATED, Settings
-from dvr_jax.komo.buckets import CPU
-from dvr_jax.komo.engine import extend_prefixes, extension_lanes, solve
-from dvr_jax.komo.particles import PARTICLES, Particles, empty_prefix
-from dvr_jax.komo.problem import Problem, Variables
-from dvr_jax.komo.transcription import transcribe
+from dvr_jax.nlp.problem import Problem, Variables
+from dvr_jax.nlp.transcription import transcribe
+from dvr_jax.runtime import batch_sizes as buckets
+from dvr_jax.runtime.batch_sizes import CPU
 from dvr_jax.search.work import Extend, Steps, run_alone, run_together
+from dvr_jax.seeds.keyframe_beam import PARTICLES, Particles, empty_prefix
+from dvr_jax.solver import engine
+from dvr_jax.solver import iteration as solver
+from dvr_jax.solver.augmented_lagrangian import FEASIBLE, ITERATION_LIMIT, STAGNATED, Settings
+from dvr_jax.solver.engine import extend_prefixes, extension_lanes, solve
 
 
 def test_solutions_do_not_depend_on_the_batch() -> None:

@@ -10,8 +10,8 @@ import pytest
 from hock_schittkowski import EXAMPLES, Example
 from jax import Array
 
-from dvr_jax.komo import augmented
-from dvr_jax.komo.augmented import AFTER, BEFORE, DURING, FEASIBLE, RUNNING, Lane, Settings, trial_point
+from dvr_jax.solver import augmented_lagrangian as augmented
+from dvr_jax.solver.augmented_lagrangian import AFTER, BEFORE, DURING, FEASIBLE, RUNNING, Lane, Settings, trial_point
 
 TOLERANCE = 1e-7
 """Violation that the method may leave."""

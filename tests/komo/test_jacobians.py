@@ -5,8 +5,8 @@ import pytest
 from komo_cases import Floats
 from komo_replay import Replay, build_replay_model, object_pairs
 
-from dvr_jax.komo.constraints import Rows
-from dvr_jax.komo.problem import PARAMETERS
+from dvr_jax.nlp.constraints import Rows
+from dvr_jax.nlp.problem import PARAMETERS
 
 STEP = 1e-5
 TOLERANCE = 1e-6
@@ -85,7 +85,7 @@ def by_parameter(evaluated, numeric) -> tuple[Rows, Rows]:
 
 
 def groups(evaluated) -> dict[str, slice]:
-    """Rows by what they are about, in the order that `dvr_jax.komo.contact_rows` documents."""
+    """Rows by what they are about, in the order that `dvr_jax.nlp.collision_rows` documents."""
     arm, N = evaluated.jacobians.arm_q.shape[-1], evaluated.case.problems.half.shape[1]
     table = arm + N * CAPSULES
     return {

@@ -7,9 +7,7 @@ import numpy as np
 import pytest
 from komo_cases import Floats, written_out
 
-from dvr_jax.komo.augmented import forces, update_multipliers
-from dvr_jax.komo.banded import BorderedSystem
-from dvr_jax.komo.lagrangian import (
+from dvr_jax.nlp.lagrangian import (
     EQUALITIES,
     Packed,
     Weights,
@@ -21,10 +19,12 @@ from dvr_jax.komo.lagrangian import (
     scales,
     unpack,
 )
-from dvr_jax.komo.problem import Problem, Variables
-from dvr_jax.komo.slices import reduce_slices
-from dvr_jax.komo.verdict import rest_steps
-from dvr_jax.robot.kinematics import load_arm
+from dvr_jax.nlp.problem import Problem, Variables
+from dvr_jax.nlp.slices import reduce_slices
+from dvr_jax.nlp.tolerances import rest_steps
+from dvr_jax.solver.augmented_lagrangian import forces, update_multipliers
+from dvr_jax.solver.banded import BorderedSystem
+from dvr_jax.workcell.kinematics import load_arm
 
 PENALTY = 20.0
 WEIGHTS = Weights(acceleration=0.7, distance=1.1, position=0.9, rotation=0.2, limit=0.4, parameter=1.2, rest=0.5)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dvr_jax.komo.marked import mark, number_of_parts, place, visit
+from dvr_jax.nlp.compaction import mark, number_of_parts, place, visit
 
 
 @pytest.mark.parametrize("number", [1, 5])

@@ -5,11 +5,11 @@ import pytest
 from komo_cases import violations_of
 
 from dvr_jax.bench.recall import PROBLEMS, read_problems
-from dvr_jax.komo.engine import extend_prefixes, stack
-from dvr_jax.komo.particles import case_of, empty_prefix
-from dvr_jax.komo.problem import Variables
-from dvr_jax.komo.transcription import transcribe
-from dvr_jax.search.solver import WITNESS
+from dvr_jax.nlp.problem import Variables
+from dvr_jax.nlp.transcription import transcribe
+from dvr_jax.search.node_solver import WITNESS
+from dvr_jax.seeds.keyframe_beam import case_of, empty_prefix
+from dvr_jax.solver.engine import extend_prefixes, stack
 
 
 @pytest.mark.parametrize("length", [2, 4])

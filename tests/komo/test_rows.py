@@ -9,11 +9,11 @@ from komo_cases import SCENE, Floats, pose_in_mode
 from komo_replay import Replay, arm_pairs, build_replay_model, object_pairs
 from scipy.spatial.transform import Rotation
 
-from dvr_jax.komo.contact_rows import HOLDING_CAPSULES, number_of_rows
-from dvr_jax.komo.contacts import FAR, NEAR
-from dvr_jax.komo.problem import FIXED, HELD_LEFT, HELD_RIGHT
+from dvr_jax.nlp.collision_distances import FAR, NEAR
+from dvr_jax.nlp.collision_rows import HOLDING_CAPSULES, number_of_rows
+from dvr_jax.nlp.problem import FIXED, HELD_LEFT, HELD_RIGHT
 from dvr_jax.scene.mjcf import CAPSULE_NAMES, build_home_data, object_body_name, qpos_layout
-from dvr_jax.scene.workspace import ARM_NAMES, FINGER_OPEN, JOINT_LOWER, JOINT_UPPER
+from dvr_jax.workcell.constants import ARM_NAMES, FINGER_OPEN, JOINT_LOWER, JOINT_UPPER
 
 RELATIVE, ABSOLUTE = 1e-6, 1e-9
 
@@ -24,7 +24,7 @@ def model() -> mujoco.MjModel:
 
 
 def counted(evaluated) -> Floats:
-    """(B, T, Po): whether an object row counts, by the rules that `dvr_jax.komo.contacts` documents."""
+    """(B, T, Po): whether an object row counts, by the rules that `dvr_jax.nlp.collision_distances` documents."""
     case, names = evaluated.case, [object_body_name(item.name) for item in SCENE.objects]
     B, T = case.batch, case.number_of_samples
     counts = np.ones((B, T, len(object_pairs())), bool)

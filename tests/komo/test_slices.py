@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from dvr_jax.geometry.distances import capsule_prism
-from dvr_jax.komo import buckets
-from dvr_jax.komo.buckets import ACCELERATOR, CPU, Buckets
-from dvr_jax.komo.constraints import lay_out
-from dvr_jax.komo.contact_rows import arm_signs
-from dvr_jax.komo.contacts import FAR, NEAR
-from dvr_jax.komo.modes import Attachment
-from dvr_jax.komo.slices import PUSHING_ROWS, Slices, distance_jacobian, measure, reduce_slices
-from dvr_jax.komo.solver import cut_into_chunks
-from dvr_jax.robot.kinematics import load_arm
+from dvr_jax.modes.poses import Attachment
+from dvr_jax.nlp.collision_distances import FAR, NEAR
+from dvr_jax.nlp.collision_rows import arm_signs
+from dvr_jax.nlp.constraints import lay_out
+from dvr_jax.nlp.slices import PUSHING_ROWS, Slices, distance_jacobian, measure, reduce_slices
+from dvr_jax.runtime import batch_sizes as buckets
+from dvr_jax.runtime.batch_sizes import ACCELERATOR, CPU, Buckets
+from dvr_jax.solver.iteration import cut_into_chunks
+from dvr_jax.workcell.kinematics import load_arm
 
 
 @pytest.mark.parametrize("number", [1, 60, 61, 150, 180, 181, 210, 430])

@@ -8,11 +8,11 @@ import pytest
 from komo_cases import SCENE, grasp, place
 
 from dvr_jax.errors import DvrError
-from dvr_jax.komo.problem import ABSENT, FIXED, HELD_LEFT, HELD_RIGHT, PLACED, Problem
-from dvr_jax.komo.transcription import ATTRACTION, GRASP_MARGIN, PITCH_LIMIT, grip_width, refute, transcribe
 from dvr_jax.logic import Action
-from dvr_jax.scene.scene import Goal, Region, SceneObject, make_scene
-from dvr_jax.scene.workspace import TABLE_HALF_EXTENTS
+from dvr_jax.nlp.problem import ABSENT, FIXED, HELD_LEFT, HELD_RIGHT, PLACED, Problem
+from dvr_jax.nlp.transcription import ATTRACTION, GRASP_MARGIN, PITCH_LIMIT, grip_width, refute, transcribe
+from dvr_jax.scene.files import Goal, Region, SceneObject, make_scene
+from dvr_jax.workcell.constants import TABLE_HALF_EXTENTS
 
 LEFT, RIGHT = HELD_LEFT, HELD_RIGHT
 

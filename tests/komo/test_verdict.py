@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from komo_cases import SCENE, Floats, grasp, place
 
-from dvr_jax.komo.constraints import Rows
-from dvr_jax.komo.problem import Problem, Variables
-from dvr_jax.komo.transcription import transcribe
-from dvr_jax.komo.verdict import Violations, measure_violations
-from dvr_jax.robot.kinematics import load_arm
+from dvr_jax.nlp.constraints import Rows
+from dvr_jax.nlp.problem import Problem, Variables
+from dvr_jax.nlp.tolerances import Violations, measure_violations
+from dvr_jax.nlp.transcription import transcribe
+from dvr_jax.workcell.kinematics import load_arm
 
 K, ROWS = 2, 5
 

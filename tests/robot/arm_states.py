@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvr_jax.scene.mjcf import build_home_data, qpos_layout
-from dvr_jax.scene.workspace import JOINT_LOWER, JOINT_UPPER
+from dvr_jax.workcell.constants import JOINT_LOWER, JOINT_UPPER
 
 Floats = NDArray[np.float64]
 

@@ -4,8 +4,8 @@ import mujoco
 import numpy as np
 from arm_states import Floats, sample_postures, set_postures
 
+from dvr_jax.scene.files import Goal, Region, SceneObject, make_scene
 from dvr_jax.scene.mjcf import COLLISION_GROUP, LOOKS_GROUP, build_model
-from dvr_jax.scene.scene import Goal, Region, SceneObject, make_scene
 
 SCENE = make_scene(
     [SceneObject("box", "box", (0.05, 0.1, 0.1), (0.0, 0.3), 0.3)], Goal("box", Region((0, 0), 0, (0.2, 0.2)))

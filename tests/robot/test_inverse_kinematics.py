@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from arm_states import Floats, sample_postures, set_postures
 
-from dvr_jax.robot.inverse_kinematics import BRANCHES, arm_angles
+from dvr_jax.scene.files import Goal, Region, SceneObject, make_scene
 from dvr_jax.scene.mjcf import build_model
-from dvr_jax.scene.scene import Goal, Region, SceneObject, make_scene
-from dvr_jax.scene.workspace import ARM_NAMES, JOINT_LOWER, JOINT_UPPER
+from dvr_jax.workcell.constants import ARM_NAMES, JOINT_LOWER, JOINT_UPPER
+from dvr_jax.workcell.panda.inverse_kinematics import BRANCHES, arm_angles
 
 SCENE = make_scene(
     [SceneObject("box", "box", (0.05, 0.1, 0.1), (0.0, 0.3), 0.3)], Goal("box", Region((0, 0), 0, (0.2, 0.2)))

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from arm_states import POSTURES, Floats, as_arms, matrices, sample_postures, set_postures, vectors
 
-from dvr_jax.robot.kinematics import base_pose, capsule_segments, hand_pose, joint_screws, link_poses, load_arm
+from dvr_jax.scene.files import Goal, Region, SceneObject, make_scene
 from dvr_jax.scene.mjcf import CAPSULE_NAMES, build_model, qpos_layout
-from dvr_jax.scene.scene import Goal, Region, SceneObject, make_scene
-from dvr_jax.scene.workspace import (
+from dvr_jax.workcell.constants import (
     ARM_NAMES,
     FINGER_OPEN,
     FINGER_SPEED,
@@ -21,6 +20,7 @@ from dvr_jax.scene.workspace import (
     JOINT_VELOCITY,
     MAXIMUM_OPENING,
 )
+from dvr_jax.workcell.kinematics import base_pose, capsule_segments, hand_pose, joint_screws, link_poses, load_arm
 
 SCENE = make_scene(
     [SceneObject("box", "box", (0.05, 0.1, 0.1), (0.0, 0.3), 0.3)], Goal("box", Region((0, 0), 0, (0.2, 0.2)))

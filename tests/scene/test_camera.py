@@ -13,11 +13,11 @@ import pytest
 
 from dvr_jax.errors import DvrError
 from dvr_jax.scene.camera import FARTHEST_DEPTH, cast_rays, render_depth, render_depth_of_state
+from dvr_jax.scene.files import Goal, Region, Scene, SceneObject, make_scene, scene_to_json
 from dvr_jax.scene.mjcf import LOOKS_GROUP, SOLID_GROUP, build_home_data, build_model, qpos_layout
 from dvr_jax.scene.pinhole import SCENE_CAMERA, Pinhole
 from dvr_jax.scene.sampling import SceneDistribution, sample_scenes
-from dvr_jax.scene.scene import Goal, Region, Scene, SceneObject, make_scene, scene_to_json
-from dvr_jax.scene.workspace import JOINT_LOWER, JOINT_UPPER
+from dvr_jax.workcell.constants import JOINT_LOWER, JOINT_UPPER
 
 SCENE = make_scene(
     [
@@ -30,7 +30,7 @@ OBLIQUE = Pinhole(position=(0.3, -1.2, 1.4), target=(0.0, 0.0, 0.1), field_of_vi
 
 RENDERER = """
 import sys, json, numpy as np, mujoco
-from dvr_jax.scene.scene import scene_from_json
+from dvr_jax.scene.files import scene_from_json
 from dvr_jax.scene.mjcf import build_model, build_home_data, GOAL_GROUP
 scene = scene_from_json(sys.argv[1])
 model = build_model(scene)

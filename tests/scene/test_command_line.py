@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from dvr_jax.errors import DvrError, run_command
-from dvr_jax.scene.scene import load_scenes
+from dvr_jax.scene.files import load_scenes
 
 
 def raise_(error: BaseException) -> int:

@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from dvr_jax.errors import DvrError
+from dvr_jax.scene.files import Goal, Region, Scene, SceneObject, make_scene
 from dvr_jax.scene.mjcf import (
     CAPSULE_NAMES,
     COLLISION_GROUP,
@@ -22,8 +23,7 @@ from dvr_jax.scene.mjcf import (
     require_free_home,
     scene_xml,
 )
-from dvr_jax.scene.scene import Goal, Region, Scene, SceneObject, make_scene
-from dvr_jax.scene.workspace import (
+from dvr_jax.workcell.constants import (
     ARM_NAMES,
     BASE_LENGTH,
     BASE_POSITIONS,

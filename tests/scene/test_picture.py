@@ -2,12 +2,12 @@
 
 import numpy as np
 
+from dvr_jax.drawing.picture import PICTURE_CAMERA, render_picture
 from dvr_jax.scene.colours import object_colours
+from dvr_jax.scene.files import Goal, Region, SceneObject, load_scene, make_scene
 from dvr_jax.scene.mjcf import build_home_data, build_model
-from dvr_jax.scene.picture import PICTURE_CAMERA, render_picture
 from dvr_jax.scene.pinhole import Pinhole
-from dvr_jax.scene.scene import Goal, Region, SceneObject, load_scene, make_scene
-from dvr_jax.scene.workspace import BASE_POSITIONS, TABLE_HALF_EXTENTS
+from dvr_jax.workcell.constants import BASE_POSITIONS, TABLE_HALF_EXTENTS
 
 ABOVE = Pinhole(position=(0.0, 0.0, 2.0), target=(0.0, 0.0, 0.0), field_of_view=0.7)
 

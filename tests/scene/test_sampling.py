@@ -9,17 +9,17 @@ import pytest
 
 from dvr_jax.dataset.shards import read_shard
 from dvr_jax.errors import DvrError
-from dvr_jax.scene.footprint import contains_point, inside
-from dvr_jax.scene.mjcf import build_home_data, build_model
-from dvr_jax.scene.sampling import DEFAULT_DISTRIBUTION, SceneDistribution, sample_scene, sample_scenes
-from dvr_jax.scene.scene import (
+from dvr_jax.geometry.footprint import contains_point, inside
+from dvr_jax.scene.files import (
     Scene,
     are_equal_but_for_rounding,
     scene_from_json,
     scene_to_json,
     validate_scene,
 )
-from dvr_jax.scene.workspace import BASE_POSITIONS, MAXIMUM_OPENING
+from dvr_jax.scene.mjcf import build_home_data, build_model
+from dvr_jax.scene.sampling import DEFAULT_DISTRIBUTION, SceneDistribution, sample_scene, sample_scenes
+from dvr_jax.workcell.constants import BASE_POSITIONS, MAXIMUM_OPENING
 
 
 def occupied(scene: Scene) -> bool:

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from dvr_jax.errors import DvrError
-from dvr_jax.scene.scene import (
+from dvr_jax.scene.files import (
     DEFAULT_HOME,
     Goal,
     Region,

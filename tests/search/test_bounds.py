@@ -7,22 +7,22 @@ import numpy as np
 import pytest
 
 from dvr_jax.bench.recall import judge_prefix
-from dvr_jax.feasibility import passes_check
-from dvr_jax.komo.augmented import Settings
-from dvr_jax.komo.engine import solve
-from dvr_jax.komo.particles import PARTICLES
-from dvr_jax.komo.problem import Variables
-from dvr_jax.komo.starts import keyframe_start
-from dvr_jax.komo.transcription import transcribe_switch
+from dvr_jax.geometry.footprint import Rectangle, inside
 from dvr_jax.logic import Action, object_of
-from dvr_jax.scene.footprint import Rectangle, inside
+from dvr_jax.nlp.problem import Variables
+from dvr_jax.nlp.transcription import transcribe_switch
+from dvr_jax.planning.feasibility import passes_check
 from dvr_jax.scene.sampling import SceneDistribution, scene_of_seed
 from dvr_jax.scene.types import Goal, Region, Scene, SceneObject
 from dvr_jax.search.node import Node
+from dvr_jax.search.node_solver import PATH_STARTS, WITNESS
 from dvr_jax.search.run import Run
-from dvr_jax.search.solver import PATH_STARTS, WITNESS
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import run_alone
+from dvr_jax.seeds.initial_paths import keyframe_start
+from dvr_jax.seeds.keyframe_beam import PARTICLES
+from dvr_jax.solver.augmented_lagrangian import Settings
+from dvr_jax.solver.engine import solve
 
 BOX = SceneObject("a", "box", (0.05, 0.15, 0.1), (-0.2, 0.1), 0.3)
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
+from dvr_jax.cli.plan import write_plan
 from dvr_jax.errors import DvrError
-from dvr_jax.plan import write_plan
-from dvr_jax.planner import Plan, plan
+from dvr_jax.planning.planner import Plan, plan
 from dvr_jax.scene.types import DEFAULT_HOME, Goal, Region, Scene, SceneObject
 
 REGION = Region((-0.35, -0.25), 0.2, (0.2, 0.2))
@@ -64,7 +64,7 @@ def test_requests_that_make_no_sense_are_refused(options: dict[str, Any], messag
 
 def test_an_arm_in_collision_at_home_is_refused_before_anything_is_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
     bent = ((0.0, 1.7, 0.0, -0.3, 0.0, 1.6, 0.8), DEFAULT_HOME[1])
-    monkeypatch.setattr("dvr_jax.planner.warming_up", lambda *arguments: pytest.fail("began to compile"))
+    monkeypatch.setattr("dvr_jax.planning.planner.warming_up", lambda *arguments: pytest.fail("began to compile"))
     with pytest.raises(DvrError, match="with the arms at home"):
         plan(replace(one_box(-0.4, 0.3), home=bent), "mbts")
 

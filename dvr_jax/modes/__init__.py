@@ -1,0 +1,1 @@
+"""Kinematic modes: how an object is attached and where that puts it."""

@@ -1,0 +1,1 @@
+"""A motion of a whole scene, sampled in time."""

@@ -1,0 +1,1 @@
+"""The nonlinear program of one action sequence: variables, costs, constraints, tolerances."""

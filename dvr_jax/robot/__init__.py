@@ -1,1 +1,0 @@
-"""The two Franka Panda arms as arrays: kinematic chain, collision capsules, inverse kinematics."""

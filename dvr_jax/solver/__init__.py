@@ -1,0 +1,1 @@
+"""The augmented-Lagrangian Gauss-Newton solver for batches of nonlinear programs."""

@@ -1,0 +1,1 @@
+"""The fixed part of a scene: robots, where they stand, the table."""

@@ -1,0 +1,1 @@
+"""The Franka Panda arm: its MuJoCo model, its constants, its closed-form inverse kinematics."""
