@@ -23,7 +23,7 @@ import numpy as np
 import tyro
 
 from dvr_jax.bench.recall import oracle_keyframes, oracle_path
-from dvr_jax.bench.results_file import Ledger
+from dvr_jax.bench.results_file import ResultsFile
 from dvr_jax.checker.replay import check_motion
 from dvr_jax.dataset.examples import find_shards
 from dvr_jax.dataset.labels import Label
@@ -35,7 +35,7 @@ from dvr_jax.planning.feasibility import feasibility
 from dvr_jax.planning.path_motion import interpolate
 from dvr_jax.runtime.processes import worker_processes
 from dvr_jax.scene.types import Scene
-from dvr_jax.solver.engine import Solved
+from dvr_jax.solver.engine import NlpSolution
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ def oracle_verdict(scene: Scene, label: Label, generator: np.random.Generator) -
         return bool(found)
     problem = transcribe(scene, actions)
 
-    def accept(path: Solved) -> bool:
+    def accept(path: NlpSolution) -> bool:
         return check_motion(scene, actions, interpolate(scene, problem, path.q, path.m)).passed
 
     return oracle_path(problem, found, generator, accept)
@@ -132,7 +132,7 @@ def run(arguments: list[str]) -> int:
         raise DvrError("--labels and --workers are 1 or more, --seed is 0 or more.")
     drawn, totals = draw_labels(options)
     checksum = hashlib.sha256(repr([(item.folder, item.label) for item in drawn]).encode()).hexdigest()[:16]
-    ledger = Ledger(options.out, {"labels": options.labels, "seed": options.seed, "drawn": checksum}, of="label")
+    ledger = ResultsFile(options.out, {"labels": options.labels, "seed": options.seed, "drawn": checksum}, of="label")
     todo = ledger.missing(len(drawn))
     with worker_processes(options.workers) as pool:
         judge = partial(_judge, options.seed)

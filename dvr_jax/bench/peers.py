@@ -34,7 +34,7 @@ from dvr_jax.bench.rai import (
     CLEARANCE,
     ROUNDING,
     PeerScene,
-    PeerSolved,
+    PeerSolution,
     build_keyframes,
     build_path,
     build_peer_scene,
@@ -43,7 +43,7 @@ from dvr_jax.bench.rai import (
     to_variables,
 )
 from dvr_jax.bench.recall import find_sequences, judge_prefix, random_extension
-from dvr_jax.bench.results_file import Ledger
+from dvr_jax.bench.results_file import ResultsFile
 from dvr_jax.checker.replay import check_motion
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import Action, Grounding
@@ -51,7 +51,7 @@ from dvr_jax.nlp.problem import Problem, Variables
 from dvr_jax.nlp.tolerances import PENETRATION_TOLERANCE
 from dvr_jax.nlp.transcription import transcribe
 from dvr_jax.planning.path_motion import interpolate
-from dvr_jax.runtime.batch_sizes import buckets
+from dvr_jax.runtime.batch_sizes import batch_sizes
 from dvr_jax.runtime.compilation import Program
 from dvr_jax.scene.sampling import scene_of_seed
 from dvr_jax.scene.types import Scene
@@ -60,7 +60,7 @@ from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import run_alone
 from dvr_jax.seeds.initial_paths import STEPS_PER_PHASE, path_problem, path_start
 from dvr_jax.solver.augmented_lagrangian import Settings
-from dvr_jax.solver.engine import Solved, solve, stack
+from dvr_jax.solver.engine import NlpSolution, solve, stack
 from dvr_jax.solver.iteration import judge, lay_out_chunks, measure_chunk, start
 
 LENGTHS = range(2, 7)
@@ -121,7 +121,7 @@ def judge_point(problem: Problem, x: Variables) -> dict[str, float]:
     if T > K:
         problem = path_problem(problem, x)
     # As many lanes as the solver has: its compiled program serves for the distances.
-    lanes = buckets().chunk // K if T == K else buckets().path_lanes
+    lanes = batch_sizes().chunk // K if T == K else batch_sizes().path_lanes
     settings = jax.tree.map(np.asarray, Settings())
     batch: Problem = stack([problem] * lanes)
     states = start(batch, stack([x] * lanes), settings)
@@ -141,14 +141,14 @@ def _passes(scene: Scene, actions: Sequence[Action], problem: Problem, q: Any, m
 
 
 def _our_keyframes(scene: Scene, actions: Sequence[Action], seed: int) -> tuple[SequenceTree, Node, dict[str, Any]]:
-    """Particles of every prefix, and NLPs where no particle is a witness: the sequence bound."""
+    """KeyframeBeam of every prefix, and NLPs where no particle is a witness: the sequence bound."""
     for _ in range(2):  # the first time compiles
         tree = SequenceTree(scene, len(actions), seed)
         node, cpu, wall = time_call(partial(run_alone, judge_prefix(tree, actions)))
     return tree, node, {"feasible": bool(node.feasible), "seconds": cpu, "wall seconds": wall}
 
 
-def _our_path(scene: Scene, node: Node, find: Callable[[], Solved]) -> dict[str, Any]:
+def _our_path(scene: Scene, node: Node, find: Callable[[], NlpSolution]) -> dict[str, Any]:
     find()  # the first time compiles
     path, cpu, wall = time_call(find)
     assert node.problem is not None
@@ -162,14 +162,14 @@ def _our_path(scene: Scene, node: Node, find: Callable[[], Solved]) -> dict[str,
     }
 
 
-def _path_at_slices(tree: SequenceTree, node: Node) -> Solved:
+def _path_at_slices(tree: SequenceTree, node: Node) -> NlpSolution:
     """Our path with distances at its slices alone."""
     assert node.problem is not None
     start = path_start(node.problem, tree.solver.path_keyframes(node)[0])
     return solve([path_problem(node.problem, start, samples=1)], [start], tree.solver.settings)[0]
 
 
-def _peer_row(solved: PeerSolved) -> dict[str, Any]:
+def _peer_row(solved: PeerSolution) -> dict[str, Any]:
     return {
         "feasible": solved.feasible,
         "seconds": solved.seconds,
@@ -180,7 +180,7 @@ def _peer_row(solved: PeerSolved) -> dict[str, Any]:
 
 
 def _peer_path(
-    peer: PeerScene, actions: Sequence[Action], problem: Problem, keyframes: PeerSolved, steps: int, seed: int
+    peer: PeerScene, actions: Sequence[Action], problem: Problem, keyframes: PeerSolution, steps: int, seed: int
 ) -> dict[str, Any]:
     solved = solve_peer(peer, build_path(peer, actions, keyframes, steps), seed)
     x = to_variables(problem, actions, solved)
@@ -253,7 +253,7 @@ def _header(options: PeersOptions) -> dict[str, object]:
 
 
 def _results(options: PeersOptions) -> Iterator[dict[str, Any]]:
-    ledger = Ledger(options.out, _header(options))
+    ledger = ResultsFile(options.out, _header(options))
     todo = ledger.missing(options.number)
     for index in range(options.number):
         if index in todo:

@@ -95,7 +95,7 @@ class PeerScene:
 
 
 @dataclass(frozen=True, slots=True)
-class PeerSolved:
+class PeerSolution:
     """Result of one NLP of `robotic`."""
 
     feasible: bool
@@ -226,7 +226,7 @@ def build_keyframes(peer: PeerScene, actions: Sequence[Action]) -> Any:
     return komo
 
 
-def build_path(peer: PeerScene, actions: Sequence[Action], keyframes: PeerSolved, steps: int) -> Any:
+def build_path(peer: PeerScene, actions: Sequence[Action], keyframes: PeerSolution, steps: int) -> Any:
     """Its path problem, started from its keyframes."""
     ry = load_robotic()
     komo = ry.KOMO(peer.config, len(actions), steps, 2, True)
@@ -296,14 +296,14 @@ def _add_footprint(ry: Any, komo: Any, peer: PeerScene, k: int, body: str, suppo
         komo.addObjective([k], ry.FS.positionRel, corner, ry.OT.ineq, -within, -half)
 
 
-def solve_peer(peer: PeerScene, komo: Any, seed: int) -> PeerSolved:
+def solve_peer(peer: PeerScene, komo: Any, seed: int) -> PeerSolution:
     """Solve one of its problems with its default options; the start has its own small noise, of this seed."""
     ry = load_robotic()
     ry.rnd_seed(seed)
     ret = ry.NLP_Solver(komo.nlp(), verbose=0).solve()
     frames = np.asarray(komo.getPathFrames())
     names = [*map(gripper_frame, range(2)), *map(object_frame, range(len(peer.scene.objects)))]
-    return PeerSolved(
+    return PeerSolution(
         feasible=bool(ret.feasible),
         seconds=float(ret.time),
         evaluations=int(ret.evals),
@@ -315,7 +315,7 @@ def solve_peer(peer: PeerScene, komo: Any, seed: int) -> PeerSolved:
     )
 
 
-def to_variables(problem: Problem, actions: Sequence[Action], solved: PeerSolved) -> Variables:
+def to_variables(problem: Problem, actions: Sequence[Action], solved: PeerSolution) -> Variables:
     """Its solution as our variables: joint angles as they are, mode parameters from the poses that the new mode gives
     the object and the gripper at each switch."""
     K = len(actions)

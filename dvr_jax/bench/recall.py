@@ -43,11 +43,11 @@ from dvr_jax.search.work import Steps, run_alone, run_together
 from dvr_jax.seeds.initial_paths import path_problem, path_start
 from dvr_jax.seeds.proposals import PITCH_RANGE
 from dvr_jax.solver.augmented_lagrangian import Settings
-from dvr_jax.solver.engine import Solved, solve
+from dvr_jax.solver.engine import NlpSolution, solve
 from dvr_jax.workcell.constants import TABLE_HALF_EXTENTS
 from dvr_jax.workcell.kinematics import load_arm
 
-PROBLEMS = Path("bench/recall_problems.jsonl")
+PROBLEMS = Path(__file__).parent / "problems.jsonl"
 
 STARTS = 64
 """Starts of the oracle."""
@@ -97,10 +97,10 @@ def oracle_keyframes(
     actions: Sequence[Action],
     generator: np.random.Generator,
     enough: int = 1,
-) -> list[Solved]:
+) -> list[NlpSolution]:
     """Feasible keyframes from random starts; stops when there are ``enough``."""
     problem = transcribe(scene, actions)
-    found: list[Solved] = []
+    found: list[NlpSolution] = []
     piece = 16
     for _ in range(STARTS // piece):
         starts = [random_keyframes(problem, generator) for _ in range(piece)]
@@ -112,9 +112,9 @@ def oracle_keyframes(
 
 def oracle_path(
     problem: Problem,
-    keyframes: Sequence[Solved],
+    keyframes: Sequence[NlpSolution],
     generator: np.random.Generator,
-    accept: Callable[[Solved], bool] = lambda path: True,
+    accept: Callable[[NlpSolution], bool] = lambda path: True,
 ) -> bool:
     """Whether any of many paths through feasible keyframes, each with a random detour in every phase, can be made
     feasible, and is accepted."""
@@ -253,7 +253,7 @@ class RecallOptions:
 
 
 def _read_rows(path: Path) -> list[dict[str, Any]]:
-    """Rows by kind and index; a last line that was cut short is dropped."""
+    """ConstraintValues by kind and index; a last line that was cut short is dropped."""
     text = path.read_text(encoding="utf-8")
     try:
         rows = [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines()]
@@ -280,7 +280,7 @@ def judge_prefix(tree: SequenceTree, actions: Sequence[Action], second_look: boo
         if node.feasible:
             yield from tree.judge_sequences([child])
             if second_look:
-                yield from tree.look_again([child])
+                yield from tree.retry_refuted([child])
         else:
             child.feasible = False
         node = child
@@ -295,7 +295,7 @@ def _judge(scene: Scene, actions: Sequence[Action], is_path: bool) -> Steps[tupl
         return bool(node.feasible) and not is_path, None
     reports: list[CheckReport] = []
 
-    def accept(leaf: Node, path: Solved) -> bool:
+    def accept(leaf: Node, path: NlpSolution) -> bool:
         reports.append(check_motion(scene, leaf.actions, motion_of(scene, leaf, path)))
         return True
 

@@ -29,7 +29,7 @@ def describe_machine() -> dict[str, Any]:
     }
 
 
-class Ledger:
+class ResultsFile:
     """The rows of one file, by number; without a file they are kept in memory alone."""
 
     def __init__(self, path: Path | None, options: Mapping[str, Any], of: str = "scene") -> None:

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import tyro
 
-from dvr_jax.bench.results_file import Ledger
+from dvr_jax.bench.results_file import ResultsFile
 from dvr_jax.errors import DvrError
 from dvr_jax.model.predictor import SHIPPED, Predictor, load_network
 from dvr_jax.planning.planner import plan
@@ -124,10 +124,10 @@ def _hash_network(options: ScenesOptions) -> str:
 
 
 def results(options: ScenesOptions) -> Iterator[dict[str, object]]:
-    """Rows of all scenes, those first that the file has."""
+    """ConstraintValues of all scenes, those first that the file has."""
     options.check()
     _network(options.search, options.network)
-    ledger = Ledger(options.out, _header(options))
+    ledger = ResultsFile(options.out, _header(options))
     todo = ledger.missing(options.number)
     yield from (row for index, row in ledger.rows.items() if index < options.number)
     if not todo:

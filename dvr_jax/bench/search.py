@@ -73,7 +73,7 @@ def keyframes(row: Row) -> int:
 
 
 def by_length(rows: Sequence[Row], k_max: int) -> dict[int, list[Row]]:
-    """Solved rows by number of actions."""
+    """NlpSolution rows by number of actions."""
     return {length: [row for row in rows if len(row["words"]) == length] for length in range(1, k_max + 1)}
 
 

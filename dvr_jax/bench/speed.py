@@ -17,16 +17,16 @@ from dvr_jax.bench.recall import PROBLEMS, judge_prefix, random_keyframes, read_
 from dvr_jax.logic import Action
 from dvr_jax.nlp.slices import reduce_slices
 from dvr_jax.nlp.transcription import transcribe
-from dvr_jax.runtime.batch_sizes import buckets
+from dvr_jax.runtime.batch_sizes import batch_sizes
 from dvr_jax.runtime.compilation import Program
 from dvr_jax.scene.sampling import sample_scenes
 from dvr_jax.search.node import Node
-from dvr_jax.search.node_solver import WITNESS
+from dvr_jax.search.node_solver import CERTIFIED_PENETRATION
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import run_alone
 from dvr_jax.seeds.initial_paths import keyframe_start, path_problem, path_start
 from dvr_jax.solver.augmented_lagrangian import Settings
-from dvr_jax.solver.engine import extend_prefixes, extension_lanes, solve, stack
+from dvr_jax.solver.engine import beam_lanes, extend_beams, solve, stack
 from dvr_jax.solver.iteration import judge, lay_out_chunks, measure_chunk, start
 
 
@@ -59,7 +59,7 @@ def time_slices(number_of_objects: int, repeats: int) -> None:
     face = "+x" if scene.objects[scene.goal_index].half_extents[0] <= 0.04 else "+y"
     actions = [Action("grasp", ("left", face, name)), Action("place", ("left", name, "goal"))]
     problem = transcribe(scene, actions)
-    chunk_size = buckets().chunk
+    chunk_size = batch_sizes().chunk
     batch = stack([problem] * (chunk_size // 2))
     settings = jax.tree.map(np.asarray, Settings())
     lanes = start(batch, stack([random_keyframes(problem, generator) for _ in range(chunk_size // 2)]), settings)
@@ -84,17 +84,17 @@ def time_keyframes(nodes: list[Node], length: int) -> None:
     particle proves feasible, from its best particle."""
     batch = [node for node in nodes if node.depth == length]
     problems = [node.problem for node in batch if node.problem is not None]
-    parents = [node.parent.particles for node in batch if node.parent is not None and node.parent.particles is not None]
+    parents = [node.parent.beam for node in batch if node.parent is not None and node.parent.beam is not None]
     settings = Settings()
     sampling, solving = [], []
     for _ in range(6):
         begin = time.perf_counter()
-        extended = extend_prefixes(parents, problems, 0, extension_lanes(problems))
+        extended = extend_beams(parents, problems, 0, beam_lanes(problems))
         middle = time.perf_counter()
         left = [
             (problem, keyframe_start(particles, 0, length))
             for problem, particles in zip(problems, extended, strict=True)
-            if particles.violation.min() > WITNESS
+            if particles.violation.min() > CERTIFIED_PENETRATION
         ]
         results = solve([problem for problem, _ in left], [x for _, x in left], settings)
         sampling.append((middle - begin) / len(batch))
@@ -112,9 +112,9 @@ def time_paths(nodes: list[Node], length: int) -> None:
     """Path NLPs one by one, from feasible keyframes."""
     seconds, iterations, feasible = [], [], 0
     for node in nodes:
-        if node.depth != length or node.problem is None or node.particles is None:
+        if node.depth != length or node.problem is None or node.beam is None:
             continue
-        x = path_start(node.problem, keyframe_start(node.particles, 0, length))
+        x = path_start(node.problem, keyframe_start(node.beam, 0, length))
         task = [path_problem(node.problem, x)], [x], Settings()
         solve(*task)
         begin = time.perf_counter()

@@ -16,7 +16,7 @@ TABLE_ONE = (
     (8, 224, 1_728, 29_440, 289_792),
     (8, 288, 2_240, 47_104, 482_816),
 )
-"""Rows: 1 to 5 objects; columns: length 2 to 6 (Driess, Ha, Toussaint 2020, Table I)."""
+"""ConstraintValues: 1 to 5 objects; columns: length 2 to 6 (Driess, Ha, Toussaint 2020, Table I)."""
 
 
 @dataclass(frozen=True)

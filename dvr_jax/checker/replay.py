@@ -1,6 +1,6 @@
 """The independent check of a plan: every sample of its motion is replayed in MuJoCo C and held against the actions.
 
-The actions are walked once to know who holds what from which switch to which (`Span`); all else is read from MuJoCo's
+The actions are walked once to know who holds what from which switch to which (`AttachmentInterval`); all else is read from MuJoCo's
 own kinematics and collisions. Neither the optimiser's kinematics nor its distances are used. Metres, radians, seconds.
 An object is *held* from its grasp's switch to the sample before its release, and *stands* in all others. Whatever
 touches, a gripper and what it holds included, may do so only to `DEEPEST_CONTACT`; where two things might meet between
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from dvr_jax.checker import CheckReport, Finding, FindingLog, describe
 from dvr_jax.checker.contacts import dense_states, find_contacts
-from dvr_jax.checker.timeline import Span, next_span, tell_story
+from dvr_jax.checker.timeline import AttachmentInterval, attachment_timeline, next_interval
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import FACES, Action
 from dvr_jax.motion.motion import Motion, validate_motion
@@ -75,7 +75,7 @@ def check_motion(scene: Scene, actions: Sequence[Action], motion: Motion) -> Che
     """
     _validate_fit(scene, actions, motion)
     last = len(motion.time) - 1
-    story = tell_story(scene, actions, last + 1, motion.switch)
+    story = attachment_timeline(scene, actions, last + 1, motion.switch)
     log = FindingLog(motion.time)
     replay, deepest = _replay(scene, motion, log)
     _check_joints(motion, home_qpos(scene), log)
@@ -84,7 +84,7 @@ def check_motion(scene: Scene, actions: Sequence[Action], motion: Motion) -> Che
     for span in story:
         if span.arm >= 0:
             _check_grasp(scene, span, replay, log)
-            _check_grip(scene, motion, span, next_span(story, span), replay, log)
+            _check_grip(scene, motion, span, next_interval(story, span), replay, log)
             if span.end > last and span.object == scene.goal_index:
                 log.add("goal held", last, (_label(scene, span.object), ARM_NAMES[span.arm]), 1.0, 0.0)
         elif span.support:
@@ -182,7 +182,7 @@ def _check_joints(motion: Motion, home: Floats, log: FindingLog) -> None:
             log.add_worst("finger speed", 1, names, np.abs(np.diff(travel)) / motion.step, ROUNDING * FINGER_SPEED)
 
 
-def _check_switches(motion: Motion, story: tuple[Span, ...], log: FindingLog) -> None:
+def _check_switches(motion: Motion, story: tuple[AttachmentInterval, ...], log: FindingLog) -> None:
     """That arms rest as they take or give."""
     joints = qpos_layout(0).arm_joints
     for span in story:
@@ -196,7 +196,9 @@ def _check_switches(motion: Motion, story: tuple[Span, ...], log: FindingLog) ->
                 log.add("switch speed", span.start, names, float(speeds.max()), SWITCH_SPEED)
 
 
-def _check_objects(scene: Scene, motion: Motion, story: tuple[Span, ...], replay: _Replay, log: FindingLog) -> None:
+def _check_objects(
+    scene: Scene, motion: Motion, story: tuple[AttachmentInterval, ...], replay: _Replay, log: FindingLog
+) -> None:
     """The start, jumps, standing objects that move, held objects that slip."""
     for index, item in enumerate(scene.objects):
         label, p, R = _label(scene, index), replay.object_position[:, index], replay.object_rotation[:, index]
@@ -224,7 +226,7 @@ def _check_objects(scene: Scene, motion: Motion, story: tuple[Span, ...], replay
         log.add_worst(f"{kind} turn", span.start, names, _angle(R, R[0]), TURN)
 
 
-def _check_grasp(scene: Scene, grip: Span, replay: _Replay, log: FindingLog) -> None:
+def _check_grasp(scene: Scene, grip: AttachmentInterval, replay: _Replay, log: FindingLog) -> None:
     """The gripper's centre, its closing axis and the object's width between the fingers, at the switch."""
     item, names = scene.objects[grip.object], (_label(scene, grip.object), ARM_NAMES[grip.arm])
     R = replay.object_rotation[grip.start, grip.object]
@@ -247,7 +249,14 @@ def _check_grasp(scene: Scene, grip: Span, replay: _Replay, log: FindingLog) -> 
     log.add("width", grip.start, names, float(width), MAXIMUM_OPENING + CENTRE_TOLERANCE)
 
 
-def _check_grip(scene: Scene, motion: Motion, span: Span, after: Span | None, replay: _Replay, log: FindingLog) -> None:
+def _check_grip(
+    scene: Scene,
+    motion: Motion,
+    span: AttachmentInterval,
+    after: AttachmentInterval | None,
+    replay: _Replay,
+    log: FindingLog,
+) -> None:
     """That fingers are closed on what they hold; at the end of a span they may open once the object is where it will
     stand, or another gripper has closed on it where it will hold it."""
     within = slice(span.start, span.end)
@@ -267,7 +276,7 @@ def _check_grip(scene: Scene, motion: Motion, span: Span, after: Span | None, re
     log.add_worst("grip", span.start, names, np.where(excused, 0.0, loose), GRIP_TOLERANCE)
 
 
-def _looseness(scene: Scene, motion: Motion, span: Span) -> Floats:
+def _looseness(scene: Scene, motion: Motion, span: AttachmentInterval) -> Floats:
     """How far the fingers of a span's arm are from closed on its object (T,), m: the worse of both."""
     item = scene.objects[span.object]
     half = item.half_extents[FACES.index(span.face) % 2] if item.shape == "box" else item.half_extents[0]

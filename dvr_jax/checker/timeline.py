@@ -13,7 +13,7 @@ from dvr_jax.workcell.constants import ARM_NAMES
 
 
 @dataclass(frozen=True, slots=True)
-class Span:
+class AttachmentInterval:
     """Samples start to end - 1, in which an object is held by an arm or stands on a support."""
 
     object: int
@@ -25,22 +25,24 @@ class Span:
     """Where a place has put it; empty for one that stands where the scene has it."""
 
 
-def tell_story(scene: Scene, actions: Sequence[Action], end: int, switch: NDArray[np.int64]) -> tuple[Span, ...]:
+def attachment_timeline(
+    scene: Scene, actions: Sequence[Action], end: int, switch: NDArray[np.int64]
+) -> tuple[AttachmentInterval, ...]:
     """Each object's spans over samples 0 to end - 1, without gaps; DvrError for an action that does not apply."""
     indices = {item.name: index for index, item in enumerate(scene.objects)}
-    done: list[Span] = []
-    now = {index: Span(index, 0, end) for index in indices.values()}  # one span of each object is open
+    done: list[AttachmentInterval] = []
+    now = {index: AttachmentInterval(index, 0, end) for index in indices.values()}  # one span of each object is open
     for number, (action, sample) in enumerate(zip(actions, switch.tolist(), strict=True), start=1):
         held_by = {span.arm: index for index, span in now.items() if span.arm >= 0}
         match action:
             case Action("grasp", (arm, face, name)) if arm in ARM_NAMES and face in FACES and name in indices:
                 if ARM_NAMES.index(arm) in held_by:
                     raise DvrError(f"action {number}, {action}: {arm} already holds an object; its hand must be empty.")
-                span = Span(indices[name], sample, end, ARM_NAMES.index(arm), face)
+                span = AttachmentInterval(indices[name], sample, end, ARM_NAMES.index(arm), face)
             case Action("place", (arm, name, support)) if name in indices and support in ("table", "goal"):
                 if arm not in ARM_NAMES or held_by.get(ARM_NAMES.index(arm)) != indices[name]:
                     raise DvrError(f"action {number}, {action}: {arm} does not hold {name}, so it cannot place it.")
-                span = Span(indices[name], sample, end, support=support)
+                span = AttachmentInterval(indices[name], sample, end, support=support)
             case _:
                 raise DvrError(
                     f"action {number}, {action}: valid are grasp(arm, face, object) and place(arm, object, support) "
@@ -52,6 +54,6 @@ def tell_story(scene: Scene, actions: Sequence[Action], end: int, switch: NDArra
     return tuple(sorted((*done, *now.values()), key=lambda span: (span.start, span.object)))
 
 
-def next_span(story: tuple[Span, ...], span: Span) -> Span | None:
+def next_interval(story: tuple[AttachmentInterval, ...], span: AttachmentInterval) -> AttachmentInterval | None:
     """Who has the object after a span."""
     return next((other for other in story if other.object == span.object and other.start == span.end), None)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from dvr_jax.dataset.footer import ShardInfo, require_agreement
 from dvr_jax.dataset.shards import SUFFIX, Columns, list_shards, read_columns, read_info
-from dvr_jax.dataset.symbols import Symbols, scene_symbols
+from dvr_jax.dataset.symbols import SequenceIndex, sequence_index
 from dvr_jax.dataset.targets import Verdicts, targets
 from dvr_jax.errors import DvrError
 from dvr_jax.nlp.transcription import is_duplicate, refute
@@ -172,14 +172,14 @@ def find_shards(paths: str | Path | Iterable[str | Path]) -> list[ShardInfo]:
     return infos
 
 
-def scenes_of(info: ShardInfo, columns: Columns) -> Iterable[tuple[int, Symbols, Scene]]:
+def scenes_of(info: ShardInfo, columns: Columns) -> Iterable[tuple[int, SequenceIndex, Scene]]:
     """Row, symbols and scene of those scenes of a shard that have labels."""
     for row in np.flatnonzero(np.diff(columns.label_ends)).tolist():
         scene = scene_from_json(columns.json[row], f"{info.path}, scene {info.scenes[row]}")
-        yield row, scene_symbols(scene), scene
+        yield row, sequence_index(scene), scene
 
 
-def labelled_sequences(columns: Columns, row: int, symbols: Symbols, source: str) -> list[tuple[int, ...]]:
+def labelled_sequences(columns: Columns, row: int, symbols: SequenceIndex, source: str) -> list[tuple[int, ...]]:
     """Actions by number of each label of a shard's scene, in the order of the labels."""
     first, stop = columns.label_ends[row : row + 2].tolist()
     ends = columns.action_ends[first : stop + 1].tolist()
@@ -196,7 +196,7 @@ def _expand(
     columns: Columns,
     row: int,
     scene: Scene,
-    symbols: Symbols,
+    symbols: SequenceIndex,
     completions: int,
     k_max: int,
     generator: random.Random,

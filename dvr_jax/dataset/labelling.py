@@ -16,7 +16,7 @@ from dvr_jax.search.run import Outcome, Run
 from dvr_jax.search.searches import multi_bound
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import Steps
-from dvr_jax.solver.engine import Solved
+from dvr_jax.solver.engine import NlpSolution
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class LabelOptions:
     """Of the particles, and of the order in which sequences of one length are judged."""
 
 
-Accept = Callable[[Scene, Node, Solved], bool]
+Accept = Callable[[Scene, Node, NlpSolution], bool]
 """Whether the independent check accepts a feasible path of a scene."""
 
 
@@ -51,10 +51,10 @@ class Labelling(Run):
         """At random: in the order of the logic, all solutions of a scene would begin with the same actions."""
         return self.order.sample(leaves, len(leaves))
 
-    def judge_lines(self, leaves: list[Node]) -> Steps[list[Node]]:
+    def judge_prefix_chains(self, leaves: list[Node]) -> Steps[list[Node]]:
         """Sequence bound of leaves, which are counted."""
         self.judged += len(leaves)
-        return (yield from super().judge_lines(leaves))
+        return (yield from super().judge_prefix_chains(leaves))
 
     def try_leaves(self, leaves: list[Node]) -> Steps[Outcome | None]:
         """Paths of the leaves in their order; an outcome once there is enough of them."""
@@ -89,7 +89,7 @@ def _labels(tree: SequenceTree, node: Node, index: int) -> Iterator[Label]:
     elif node.children is not None:
         if node.feasible:
             # What is too large for the gripper or for its support, once for each prefix known to be feasible.
-            for action in tree.too_large(node):
+            for action in tree.statically_infeasible_actions(node):
                 yield Label(index, (*actions, str(action)), False, True, "symbolic", math.nan)
         for child in node.children:
             yield from _labels(tree, child, index)

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from dvr_jax.dataset.symbols import Symbols
+from dvr_jax.dataset.symbols import SequenceIndex
 from dvr_jax.errors import DvrError
 
 BOUNDS = ("symbolic", "pose", "sequence", "path", "check")
@@ -40,7 +40,7 @@ def sort_labels(labels: Iterable[Label]) -> list[Label]:
     return sorted(labels, key=lambda label: (label.scene, len(label.actions), label.actions))
 
 
-def validate_label(label: Label, symbols: Symbols) -> None:
+def validate_label(label: Label, symbols: SequenceIndex) -> None:
     """Raise a DvrError that names the first broken rule: verdict and bound agree, and the actions make sense there."""
     if label.feasible and (label.bound or label.refuted_prefix):
         raise DvrError(f"{label} is feasible, yet refuted by {label.bound or 'its prefix'!r}; valid is one of both.")
@@ -56,7 +56,7 @@ def validate_label(label: Label, symbols: Symbols) -> None:
         raise DvrError(f"{label} does not reach the goal; only a refuted prefix may stop before it.")
 
 
-def validate_labels(labels: Iterable[Label], symbols: Symbols) -> None:
+def validate_labels(labels: Iterable[Label], symbols: SequenceIndex) -> None:
     """Rules of each label of one scene and between them: no sequence twice, none feasible that a prefix refutes."""
     labels = list(labels)
     verdicts: dict[tuple[str, ...], Label] = {}

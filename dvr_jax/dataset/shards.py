@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from dvr_jax.dataset.footer import Footer, ShardInfo, decode_footer, make_footer, require_agreement
 from dvr_jax.dataset.labels import Label, same_label, sort_labels, validate_labels
-from dvr_jax.dataset.symbols import scene_symbols
+from dvr_jax.dataset.symbols import sequence_index
 from dvr_jax.errors import DvrError
 from dvr_jax.runtime.files import write_whole
 from dvr_jax.scene.files import scene_from_json, scene_to_json
@@ -114,7 +114,7 @@ def write_shard(
     for index, group in of_scene.items():
         if index not in scenes:
             raise DvrError(f"{group[0]} is of no scene of the shard; valid are {covered.start} to {covered.stop - 1}.")
-        validate_labels(group, scene_symbols(scenes[index]))
+        validate_labels(group, sequence_index(scenes[index]))
     footer = make_footer(covered, len(labels), options)
     table = pa.table(
         {

@@ -29,7 +29,7 @@ class _Steps(NamedTuple):
     total: int
 
 
-class Symbols:
+class SequenceIndex:
     """A grounding with its actions by name and its continuations by number."""
 
     def __init__(self, grounding: Grounding) -> None:
@@ -111,14 +111,14 @@ class Symbols:
         return _Steps(ends, actions, states, ends[-1] if ends else 0)
 
 
-def scene_symbols(scene: Scene) -> Symbols:
+def sequence_index(scene: Scene) -> SequenceIndex:
     """The symbols of a scene, shared by all scenes whose objects and goal object have the same names."""
     return _symbols(tuple(item.name for item in scene.objects), scene.goal.object)
 
 
 @functools.lru_cache(maxsize=64)
-def _symbols(names: tuple[str, ...], goal_object: str) -> Symbols:
-    return Symbols(ground_actions(names, goal_object))
+def _symbols(names: tuple[str, ...], goal_object: str) -> SequenceIndex:
+    return SequenceIndex(ground_actions(names, goal_object))
 
 
 def _permutation(number: int, generator: random.Random) -> Iterator[int]:

@@ -19,7 +19,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dvr_jax.dataset.symbols import Symbols
+from dvr_jax.dataset.symbols import SequenceIndex
 from dvr_jax.errors import DvrError
 
 
@@ -52,7 +52,7 @@ class Verdicts:
 
     def __init__(
         self,
-        symbols: Symbols,
+        symbols: SequenceIndex,
         feasible: Iterable[tuple[int, ...]],
         infeasible: Iterable[tuple[int, ...]],
         refuted: Iterable[tuple[int, ...]],

@@ -145,7 +145,7 @@ def held_out_scenes(scenes: Sequence[Scene], fraction: float) -> NDArray[np.bool
 
 
 @dataclass(frozen=True)
-class Draws:
+class BatchSampler:
     """What batches are drawn from: the n sequences that are trained on, m of them feasible, by their G scenes.
 
     A batch draws distinct scenes, each with the same probability; if it is to hold feasible sequences, it draws again
@@ -183,8 +183,8 @@ class Draws:
         batch: int,
         least_feasible: int,
         stratified: bool = True,
-    ) -> Draws:
-        """Draws of these sequences (n,); without strata all sequences of a scene are as likely as each other."""
+    ) -> BatchSampler:
+        """BatchSampler of these sequences (n,); without strata all sequences of a scene are as likely as each other."""
         scene, refuted = np.asarray(examples.scene), np.asarray(examples.refuted_after)
         stratum = (2 * refuted + (refuted == examples.length)) * stratified
         rows = rows[np.lexsort((stratum[rows], scene[rows]))]
@@ -195,7 +195,9 @@ class Draws:
         bounds = np.append(np.searchsorted(scene[rows[strata[:-1]]], known), len(strata) - 1)
         feasible_bounds = np.append(np.searchsorted(scene[feasible], known), len(feasible))
         least_feasible = least_feasible if len(feasible) else 0
-        return Draws(rows, feasible, strata, bounds, feasible_bounds, min(scenes, len(known)), batch, least_feasible)
+        return BatchSampler(
+            rows, feasible, strata, bounds, feasible_bounds, min(scenes, len(known)), batch, least_feasible
+        )
 
     def draw(self, seed: int, step: int) -> NDArray[np.integer]:
         """The sequences of one batch (B,); a function of its arguments."""

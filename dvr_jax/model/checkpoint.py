@@ -14,7 +14,7 @@ import numpy as np
 import orbax.checkpoint as ocp
 
 from dvr_jax.errors import DvrError
-from dvr_jax.model.header import Header, checked_weights
+from dvr_jax.model.header import NetworkMetadata, checked_weights
 from dvr_jax.model.network import Weights, initial_weights
 
 _HEADER, _PARAMETERS, _REST = "header", "parameters", "rest"
@@ -53,7 +53,7 @@ class CheckpointFolder:
         """Step of the latest checkpoint; None when there is none."""
         return self._manager.latest_step()
 
-    def save(self, state: TrainingState, header: Header) -> None:
+    def save(self, state: TrainingState, header: NetworkMetadata) -> None:
         """Write a checkpoint."""
         arguments = {
             _PARAMETERS: ocp.args.StandardSave(state.weights.parameters),
@@ -62,12 +62,12 @@ class CheckpointFolder:
         }
         self._manager.save(state.step, args=ocp.args.Composite(**arguments))
 
-    def header(self, step: int) -> Header:
+    def header(self, step: int) -> NetworkMetadata:
         """What the checkpoint of a step is."""
         read = self._restore(step, **{_HEADER: ocp.args.JsonRestore()})
-        return Header.from_json(read[_HEADER], self._name(step))
+        return NetworkMetadata.from_json(read[_HEADER], self._name(step))
 
-    def restore(self, template: TrainingState, header: Header) -> TrainingState:
+    def restore(self, template: TrainingState, header: NetworkMetadata) -> TrainingState:
         """The latest checkpoint, if it is one of the run that `header` describes; `template` is a state like it."""
         step = self.latest()
         if step is None:
@@ -84,7 +84,7 @@ class CheckpointFolder:
         seed, step = (int(number) for number in read[_REST]["order"])
         return TrainingState(Weights(read[_PARAMETERS], header.config), read[_REST]["optimizer"], step, seed)
 
-    def weights(self) -> tuple[Weights, Header]:
+    def weights(self) -> tuple[Weights, NetworkMetadata]:
         """Parameters of the latest checkpoint, without the optimiser's state."""
         step = self.latest()
         if step is None:

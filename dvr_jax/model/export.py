@@ -12,7 +12,7 @@ import numpy as np
 from flax import traverse_util
 
 from dvr_jax.errors import DvrError
-from dvr_jax.model.header import Header, checked_weights, flatten
+from dvr_jax.model.header import NetworkMetadata, checked_weights, flatten
 from dvr_jax.model.network import Weights
 from dvr_jax.runtime.files import write_whole
 
@@ -20,7 +20,7 @@ _HEADER = "header"
 """Name of the header among the arrays of a file."""
 
 
-def export_weights(path: Path, weights: Weights, header: Header) -> None:
+def export_weights(path: Path, weights: Weights, header: NetworkMetadata) -> None:
     """Write parameters and header as one file, whole or not at all."""
     arrays: dict[str, Any] = {name: np.asarray(value) for name, value in flatten(weights.parameters, "/").items()}
     arrays[_HEADER] = np.array(json.dumps(header.to_json()))
@@ -30,7 +30,7 @@ def export_weights(path: Path, weights: Weights, header: Header) -> None:
     write_whole(path, content.getvalue())
 
 
-def load_weights(path: Path) -> tuple[Weights, Header]:
+def load_weights(path: Path) -> tuple[Weights, NetworkMetadata]:
     """Parameters and header of an exported file, or of the latest checkpoint in a folder."""
     if path.is_dir():
         # Here and not above: orbax takes a second to import, which plans need not wait for.
@@ -48,6 +48,6 @@ def load_weights(path: Path) -> tuple[Weights, Header]:
         record = json.loads(str(arrays.pop(_HEADER)))
     except (ValueError, KeyError, EOFError, AttributeError, TypeError, zipfile.BadZipFile):
         raise DvrError(f"{path}: this is no exported network; valid is a file that training has written.") from None
-    header = Header.from_json(record, str(path))
+    header = NetworkMetadata.from_json(record, str(path))
     parameters = traverse_util.unflatten_dict(arrays, sep="/")  # type: ignore[no-untyped-call]
     return checked_weights(parameters, header, str(path)), header

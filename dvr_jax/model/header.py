@@ -23,7 +23,7 @@ Kind = Literal["dvr", "classifier"]
 
 
 @dataclass(frozen=True)
-class Header:
+class NetworkMetadata:
     """What a checkpoint is."""
 
     kind: Kind
@@ -38,13 +38,13 @@ class Header:
         return {"format": FORMAT, **asdict(self)}
 
     @staticmethod
-    def from_json(record: Any, source: str) -> Header:
+    def from_json(record: Any, source: str) -> NetworkMetadata:
         """The header of a file that this code can use; a DvrError names `source` and what does not fit."""
         try:
             if record["format"] != FORMAT:
                 raise DvrError(f"the format is {record['format']!r}; valid is {FORMAT}.")
             sizes = dict(record["config"])
-            header = Header(
+            header = NetworkMetadata(
                 record["kind"],
                 NetworkConfig(**{**sizes, "channels": tuple(sizes["channels"])}),
                 record["domain"],
@@ -63,7 +63,7 @@ class Header:
             )
         return header
 
-    def require_same(self, other: Header, source: str) -> None:
+    def require_same(self, other: NetworkMetadata, source: str) -> None:
         """Refuse to continue from a checkpoint with another header, naming the first difference."""
         mine, theirs = _flat(self), _flat(other)
         for name in sorted(mine.keys() | theirs.keys()):
@@ -74,7 +74,7 @@ class Header:
                 )
 
 
-def checked_weights(parameters: Any, header: Header, source: str) -> Weights:
+def checked_weights(parameters: Any, header: NetworkMetadata, source: str) -> Weights:
     """Parameters as weights, if they are finite, with the names and shapes of the header's network."""
     wanted, found = flatten(parameter_shapes(header.config), "/"), flatten(parameters, "/")
     for name in sorted(wanted.keys() | found.keys()):
@@ -86,8 +86,8 @@ def checked_weights(parameters: Any, header: Header, source: str) -> Weights:
     return Weights(jax.tree.map(lambda value: jax.numpy.asarray(value, "float32"), parameters), header.config)
 
 
-def _flat(header: Header) -> dict[str, Any]:
-    """Header by dotted names, as JSON gives it back."""
+def _flat(header: NetworkMetadata) -> dict[str, Any]:
+    """NetworkMetadata by dotted names, as JSON gives it back."""
     return flatten(json.loads(json.dumps(header.to_json())), ".")
 
 

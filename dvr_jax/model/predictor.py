@@ -29,7 +29,7 @@ from dvr_jax.errors import DvrError
 from dvr_jax.logic import Grounding, ground_actions
 from dvr_jax.model.encoding import encode_actions, goal_tuple
 from dvr_jax.model.export import load_weights
-from dvr_jax.model.header import Header, Kind
+from dvr_jax.model.header import Kind, NetworkMetadata
 from dvr_jax.model.images import SceneImages, scene_images, stack_images
 from dvr_jax.model.network import NetworkConfig, Weights, encode_images, encode_symbols, input_gates, step_from_gates
 from dvr_jax.runtime.compilation import Program
@@ -37,7 +37,7 @@ from dvr_jax.scene.types import Scene
 from dvr_jax.workcell.constants import MAXIMUM_OBJECTS
 
 BATCH_SIZES = (16, 64, 256)
-"""Rows for which `step` is compiled; fewer are padded, more go in several calls. The children of a node are at most 16
+"""ConstraintValues for which `step` is compiled; fewer are padded, more go in several calls. The children of a node are at most 16
 with two objects and 64 with eight, and padding costs less than another compilation."""
 
 OBJECT_NUMBERS = (1, 2, 4, 8)
@@ -49,7 +49,7 @@ _Rows = jax.Array | NDArray[Any]
 """What a program takes: NumPy's arrays as they are, which costs less than to put them on the device before."""
 
 SHIPPED = Path(__file__).parents[1] / "networks"
-"""Trained networks, one a kind: KIND.npz. In the repository a link to data/networks, in a wheel a folder."""
+"""Trained networks, one a kind: KIND.npz. """
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +84,7 @@ class Predictor:
         return Predictor.of(weights, header)
 
     @staticmethod
-    def of(weights: Weights, header: Header) -> Predictor:
+    def of(weights: Weights, header: NetworkMetadata) -> Predictor:
         """From weights in memory."""
         return Predictor(weights, header.kind)
 

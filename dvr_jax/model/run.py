@@ -23,7 +23,7 @@ import optax
 from dvr_jax.dataset import Examples
 from dvr_jax.errors import DvrError
 from dvr_jax.model.batches import (
-    Draws,
+    BatchSampler,
     SceneTable,
     assemble_batch,
     check_examples,
@@ -33,7 +33,7 @@ from dvr_jax.model.batches import (
 )
 from dvr_jax.model.checkpoint import CheckpointFolder, TrainingState
 from dvr_jax.model.export import export_weights
-from dvr_jax.model.header import Header, Kind
+from dvr_jax.model.header import Kind, NetworkMetadata
 from dvr_jax.model.history import History, save_curves
 from dvr_jax.model.images import LARGEST_HEIGHT, UNIT_HEIGHT, WHOLE_PIXEL, ImageStack, scene_images, stack_images
 from dvr_jax.model.network import NetworkConfig, Weights, initial_weights
@@ -149,7 +149,7 @@ class TrainingData:
 
     examples: Examples
     table: SceneTable
-    draws: Draws
+    draws: BatchSampler
     """Sequences that are trained on."""
     positive_weight: float
     validation: Validation | None
@@ -178,7 +178,9 @@ def prepare(
         rows, validation_rows = rows[~aside], rows[aside]
         if not len(rows):
             raise DvrError(f"all {len(examples.scenes)} scenes are held out; give more scenes or a smaller --held-out.")
-    draws = Draws.of(examples, rows, options.batch_scenes, options.batch, options.least_feasible, options.stratified)
+    draws = BatchSampler.of(
+        examples, rows, options.batch_scenes, options.batch, options.least_feasible, options.stratified
+    )
     weight = options.positive_weight
     if weight is None:
         share = draws.share_of_ones(examples, options.kind)
@@ -262,7 +264,7 @@ def _weigh_unknown(examples: Examples, weight: float) -> Examples:
     return examples._replace(weight=weights.astype(np.float32))
 
 
-def _header(options: TrainOptions, data: TrainingData, network: NetworkConfig, step: int) -> Header:
+def _header(options: TrainOptions, data: TrainingData, network: NetworkConfig, step: int) -> NetworkMetadata:
     """What the run is after a step: with all on which its course up to there depends. That is not when it ends, unless
     the learning rate has begun to fall towards it."""
     names = ("learning_rate", "batch", "least_feasible", "unknown", "stratified", "batch_scenes", "mirror", "seed")
@@ -274,7 +276,7 @@ def _header(options: TrainOptions, data: TrainingData, network: NetworkConfig, s
     }
     if _learning_rate(options, step) < options.learning_rate:
         course["cooldown"] = f"{options.cooldown} of {options.steps} steps"
-    return Header(options.kind, network, training=course)
+    return NetworkMetadata(options.kind, network, training=course)
 
 
 def _fingerprint(examples: Examples) -> str:

@@ -1,6 +1,6 @@
 """Signed distances of everything that can touch, for many slices at once, and the contact wrenches of chosen rows.
 
-Rows are those of `dvr_jax.nlp.collision_rows`. One that does not count in a slice (an object and the hand that holds it,
+ConstraintValues are those of `dvr_jax.nlp.collision_rows`. One that does not count in a slice (an object and the hand that holds it,
 two objects that stand where the scene has them, an absent object) has the distance `FAR` and a zero wrench.
 
 A capsule's distance to an object is dear, and nearly all of them are far: there a lower bound is taken in its place,
@@ -39,7 +39,7 @@ from dvr_jax.nlp.collision_rows import (
 )
 from dvr_jax.nlp.compaction import mark, number_of_parts, place, visit
 from dvr_jax.nlp.problem import ABSENT, FIXED
-from dvr_jax.runtime.batch_sizes import buckets
+from dvr_jax.runtime.batch_sizes import batch_sizes
 from dvr_jax.workcell.kinematics import load_arm
 
 FAR = 1.0
@@ -81,7 +81,7 @@ def _capsules_and_objects(
     reach = materialize(jnp.sqrt((along * along).sum(0)) + radii)
     bound, _ = point_prism(rotate_back(R[:, :, :, None], middle[:, None] - p[:, :, None]), half[:, :, None])
     bound = materialize(jnp.where(ignored, FAR, (bound - reach).reshape(N * C, L)))
-    marked, together = mark(bound < NEAR, 1), buckets().near_pairs
+    marked, together = mark(bound < NEAR, 1), batch_sizes().near_pairs
 
     def add_pairs(state: tuple[Array, Array]) -> tuple[Array, Array]:
         first, found = state

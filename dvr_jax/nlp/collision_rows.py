@@ -1,6 +1,6 @@
 """Which things can touch: the rows of distances and what each is about.
 
-Rows, in this order (C capsules an arm, N objects):
+ConstraintValues, in this order (C capsules an arm, N objects):
 
 - *arm rows*: capsule against capsule in rectangles of pairs (`CROSS_PAIRS` between the arms, `SELF_PAIRS` within each),
   then capsule against the table;

@@ -14,7 +14,7 @@ from jax import Array
 from dvr_jax.geometry.vectors import materialize
 
 
-class Marked(NamedTuple):
+class ActiveRows(NamedTuple):
     """The marked rows of L slices, in parts of up to ``size`` rows of one slice, slice after slice. (Numbers are
     float32, exact for these and the quickest.)"""
 
@@ -38,10 +38,10 @@ class Visit(NamedTuple):
     """(size, E) False where a part has fewer rows."""
 
 
-def mark(mask: Array, size: int) -> Marked:
+def mark(mask: Array, size: int) -> ActiveRows:
     """Count a mask (P, L) through."""
     running = _running_sum(mask.astype(jnp.float32))
-    return Marked(mask, running, _running_sum(materialize(jnp.ceil(running[-1] / size))), size)
+    return ActiveRows(mask, running, _running_sum(materialize(jnp.ceil(running[-1] / size))), size)
 
 
 def _running_sum(value: Array) -> Array:
@@ -54,12 +54,12 @@ def _running_sum(value: Array) -> Array:
     return value
 
 
-def number_of_parts(marked: Marked) -> Array:
+def number_of_parts(marked: ActiveRows) -> Array:
     """Number of parts of all slices, a float32."""
     return marked.end[-1]
 
 
-def visit(marked: Marked, first: Array, number: int) -> Visit:
+def visit(marked: ActiveRows, first: Array, number: int) -> Visit:
     """The parts ``first``, ``first + 1``, ... of a static ``number``."""
     P, L = marked.mask.shape
     part = first + jnp.arange(number, dtype=jnp.float32)
@@ -71,7 +71,7 @@ def visit(marked: Marked, first: Array, number: int) -> Visit:
     return Visit(slices, *materialize(((jnp.arange(P)[:, None] * taken).sum(1), taken.any(1))))
 
 
-def place(marked: Marked) -> Array:
+def place(marked: ActiveRows) -> Array:
     """(P, L) number of each marked row's part, where a part is one row; anything for the other rows."""
     start = marked.end - marked.running[-1]
     return (start + marked.running - 1).astype(jnp.int32)

@@ -26,7 +26,7 @@ from dvr_jax.nlp.problem import Problem, Variables
 from dvr_jax.nlp.slices import Slices
 
 
-class Rows(NamedTuple):
+class ConstraintValues(NamedTuple):
     """Constraint residuals of B problems."""
 
     distance: Array
@@ -41,7 +41,7 @@ class Rows(NamedTuple):
     grasp)."""
 
 
-class Slopes(NamedTuple):
+class Jacobians(NamedTuple):
     """Derivatives of switches and footprints."""
 
     switch_q: Array
@@ -117,7 +117,7 @@ def lay_out(problem: Problem, x: Variables) -> Slices:
 
 def collect(
     problem: Problem, x: Variables, distance: Array, hand_R: Rotation, hand_p: Vector, screws: Array
-) -> tuple[Rows, Slopes]:
+) -> tuple[ConstraintValues, Jacobians]:
     """All rows of B problems from what `measure` says of their L slices."""
     B, K = x.m.shape[:2]
     distance = distance.reshape(B, -1, distance.shape[-1])
@@ -131,7 +131,7 @@ def collect(
         problem, x.m, *(at_switch(value) for value in (hand_R, hand_p, screws))
     )
     footprint, footprint_m = _footprints(problem, x.m)
-    return Rows(distance, switch, angle, footprint), Slopes(switch_q, switch_m, footprint_m)
+    return ConstraintValues(distance, switch, angle, footprint), Jacobians(switch_q, switch_m, footprint_m)
 
 
 def _switch_rows(

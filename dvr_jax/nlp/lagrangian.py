@@ -10,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from dvr_jax.nlp.constraints import Rows, Slopes
+from dvr_jax.nlp.constraints import ConstraintValues, Jacobians
 from dvr_jax.nlp.problem import PARAMETERS, Problem, Variables
-from dvr_jax.nlp.slices import Reduced
+from dvr_jax.nlp.slices import NormalEquations
 from dvr_jax.nlp.tolerances import joint_limits, rest_steps
 from dvr_jax.solver.banded import BorderedSystem
 
@@ -51,7 +51,7 @@ class Residuals(NamedTuple):
     """(K, 4)."""
 
 
-class Packed(NamedTuple):
+class FlatResiduals(NamedTuple):
     """The same rows in fewer arrays: every array costs kernels of its own, and theirs take longer than the few rows."""
 
     distance: Array
@@ -62,18 +62,20 @@ class Packed(NamedTuple):
     """Limits, bounds and footprints, (I,)."""
 
 
-EQUALITIES = Packed(False, True, False)
+EQUALITIES = FlatResiduals(False, True, False)
 """Which rows are equalities."""
 
 
-def pack(rows: Residuals) -> Packed:
-    """Rows of one NLP."""
+def pack(rows: Residuals) -> FlatResiduals:
+    """ConstraintValues of one NLP."""
     equalities, inequalities = (rows.switch, rows.rest), (rows.limit, rows.bound, rows.footprint)
-    return Packed(rows.distance, *(jnp.concatenate([v.reshape(-1) for v in of]) for of in (equalities, inequalities)))
+    return FlatResiduals(
+        rows.distance, *(jnp.concatenate([v.reshape(-1) for v in of]) for of in (equalities, inequalities))
+    )
 
 
-def unpack(packed: Packed, T: int, K: int) -> Residuals:
-    """Rows of one NLP of T slices and K actions: the inverse of `pack`."""
+def unpack(packed: FlatResiduals, T: int, K: int) -> Residuals:
+    """ConstraintValues of one NLP of T slices and K actions: the inverse of `pack`."""
     equalities = _cut(packed.equality, (K, 6), (K, 14))
     return Residuals(packed.distance, *equalities, *_cut(packed.inequality, (2, T, 14), (2, K, PARAMETERS), (K, 4)))
 
@@ -83,7 +85,7 @@ def _cut(value: Array, *shapes: tuple[int, ...]) -> list[Array]:
     return [piece.reshape(shape) for piece, shape in zip(jnp.split(value, ends), shapes, strict=True)]
 
 
-def residuals(problem: Problem, x: Variables, rows: Rows) -> Residuals:
+def residuals(problem: Problem, x: Variables, rows: ConstraintValues) -> Residuals:
     """All constraint rows of one NLP."""
     lower, upper = jnp.asarray(joint_limits(), x.q.dtype)
     T, K = x.q.shape[0], x.m.shape[0]
@@ -98,12 +100,12 @@ def residuals(problem: Problem, x: Variables, rows: Rows) -> Residuals:
     )
 
 
-def scales(weights: Weights, T: int, K: int, dtype: jnp.dtype) -> Packed:
+def scales(weights: Weights, T: int, K: int, dtype: jnp.dtype) -> FlatResiduals:
     """Penalty of each row relative to the common one; the distances share one number."""
     switch = np.tile(np.repeat([weights.position, weights.rotation], 3), K)
     equality = np.concatenate([switch, np.full(K * 14, weights.rest)])
     inequality = np.repeat([weights.limit, weights.parameter], [2 * T * 14, (2 * PARAMETERS + 4) * K])
-    return Packed(*(jnp.asarray(value, dtype) for value in (weights.distance, equality, inequality)))
+    return FlatResiduals(*(jnp.asarray(value, dtype) for value in (weights.distance, equality, inequality)))
 
 
 def accelerations(problem: Problem, q: Array) -> Array:
@@ -123,8 +125,8 @@ def cost(problem: Problem, x: Variables, weights: Weights) -> Array:
 def gauss_newton_system(
     problem: Problem,
     x: Variables,
-    distances: Reduced,
-    slopes: Slopes,
+    distances: NormalEquations,
+    slopes: Jacobians,
     force: Residuals,
     curvature: Residuals,
     weights: Weights,

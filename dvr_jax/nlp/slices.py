@@ -20,12 +20,12 @@ from dvr_jax.nlp.collision_distances import Contacts, measure_contacts, row_wren
 from dvr_jax.nlp.collision_rows import arm_signs, object_signs
 from dvr_jax.nlp.compaction import mark, number_of_parts, take_slices, visit
 from dvr_jax.nlp.problem import PARAMETERS
-from dvr_jax.runtime.batch_sizes import buckets
+from dvr_jax.runtime.batch_sizes import batch_sizes
 from dvr_jax.workcell.constants import NUMBER_OF_JOINTS
 from dvr_jax.workcell.kinematics import capsule_segments, hand_pose, joint_screws, link_poses
 
 PUSHING_ROWS = 4
-"""Rows of a slice that enter its sums together. Of the slices of paths one in seven has a row that pushes, and hardly
+"""ConstraintValues of a slice that enter its sums together. Of the slices of paths one in seven has a row that pushes, and hardly
 any has more than four."""
 
 
@@ -42,7 +42,7 @@ class Slices(NamedTuple):
     """(4, N, L) shapes."""
 
 
-class Measured(NamedTuple):
+class SliceGeometry(NamedTuple):
     """Geometry of L slices; C = 14 + 4 N columns: the joints, then parameter after parameter of every object."""
 
     distance: Array
@@ -61,7 +61,7 @@ class Measured(NamedTuple):
     """(6, 14, L) the joints' twists once more."""
 
 
-class Reduced(NamedTuple):
+class NormalEquations(NamedTuple):
     """What the distances of L slices add to gradient and Gauss-Newton matrix."""
 
     matrix: Array
@@ -70,7 +70,7 @@ class Reduced(NamedTuple):
     """(L, C)."""
 
 
-def measure(slices: Slices) -> Measured:
+def measure(slices: Slices) -> SliceGeometry:
     """Distances of all rows, and what their derivatives are made of."""
     L = slices.q.shape[-1]
     rotations, positions = link_poses(slices.q)
@@ -80,7 +80,7 @@ def measure(slices: Slices) -> Measured:
     objects = materialize(object_poses(slices.attached, hand_R, hand_p))
     distance, contacts = measure_contacts(a, b, objects, slices.half, slices.attached.kind)
     columns = jnp.concatenate([screws, objects.twists.reshape(6, -1, L)], axis=1)
-    return Measured(
+    return SliceGeometry(
         distance=distance.T,
         contacts=contacts,
         columns=columns.transpose(2, 0, 1),
@@ -91,8 +91,8 @@ def measure(slices: Slices) -> Measured:
     )
 
 
-def distance_jacobian(measured: Measured, rows: Array) -> Array:
-    """Derivatives (L, C, k) of the distances ``rows`` (L, k) with respect to the columns of `Measured`."""
+def distance_jacobian(measured: SliceGeometry, rows: Array) -> Array:
+    """Derivatives (L, C, k) of the distances ``rows`` (L, k) with respect to the columns of `SliceGeometry`."""
     dtype, N = measured.distance.dtype, measured.held.shape[2]
     joints, role = object_signs(N)
     arm = jnp.asarray(arm_signs(), dtype)
@@ -109,13 +109,13 @@ def distance_jacobian(measured: Measured, rows: Array) -> Array:
     return sign * sum(measured.columns[:, i, :, None] * wrench[:, i, None] for i in range(6))
 
 
-def reduce_slices(measured: Measured, force: Array, curvature: Array) -> Reduced:
+def reduce_slices(measured: SliceGeometry, force: Array, curvature: Array) -> NormalEquations:
     """Add up forces and curvatures (L, P) of the distances (as constraints g = -distance <= 0): those of the rows that
     push, part after part (`dvr_jax.nlp.compaction`)."""
     L, _, C = measured.columns.shape
-    marked, together = mark(materialize((force > 0).T), PUSHING_ROWS), buckets().pushing_parts
+    marked, together = mark(materialize((force > 0).T), PUSHING_ROWS), batch_sizes().pushing_parts
 
-    def add_parts(state: tuple[Array, Reduced]) -> tuple[Array, Reduced]:
+    def add_parts(state: tuple[Array, NormalEquations]) -> tuple[Array, NormalEquations]:
         first, total = state
         chosen = visit(marked, first, together)
         rows, slices = chosen.rows.T, jnp.minimum(chosen.slices, L - 1)
@@ -124,17 +124,17 @@ def reduce_slices(measured: Measured, force: Array, curvature: Array) -> Reduced
         weighted, gradient = materialize((J * c[:, None], -(J * f[:, None]).sum(2)))
         matrix = jnp.einsum("lip,ljp->lij", weighted, J)
         added = (total.matrix.at[slices].add(matrix), total.gradient.at[slices].add(gradient))
-        return first + together, Reduced(*added)
+        return first + together, NormalEquations(*added)
 
-    def some_left(state: tuple[Array, Reduced]) -> Array:
+    def some_left(state: tuple[Array, NormalEquations]) -> Array:
         return state[0] < number_of_parts(marked)
 
-    nothing = Reduced(jnp.zeros((L, C, C), force.dtype), jnp.zeros((L, C), force.dtype))
+    nothing = NormalEquations(jnp.zeros((L, C, C), force.dtype), jnp.zeros((L, C), force.dtype))
     _, total = jax.lax.while_loop(some_left, add_parts, (jnp.zeros((), jnp.float32), nothing))
     return total
 
 
-def _of_slices(measured: Measured, slices: Array) -> Measured:
+def _of_slices(measured: SliceGeometry, slices: Array) -> SliceGeometry:
     """What `distance_jacobian` needs of some slices (E,)."""
     contacts = jax.tree.map(lambda value: take_slices(value, slices), measured.contacts)
     columns, held = measured.columns[slices], measured.held[slices]

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from dvr_jax.nlp.constraints import Rows
+from dvr_jax.nlp.constraints import ConstraintValues
 from dvr_jax.nlp.problem import Problem, Variables
 from dvr_jax.workcell.kinematics import load_arm
 
@@ -60,7 +60,7 @@ _TOLERANCES = Violations(
 )
 
 
-def measure_violations(problem: Problem, x: Variables, rows: Rows) -> Violations:
+def measure_violations(problem: Problem, x: Variables, rows: ConstraintValues) -> Violations:
     """Largest violation of each kind of one NLP (no batch axes)."""
     T, K = x.q.shape[0], x.m.shape[0]
     lower, upper = jnp.asarray(joint_limits(), x.q.dtype)

@@ -30,7 +30,7 @@ from dvr_jax.search.node import Node
 from dvr_jax.search.run import Run
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import Steps, run_alone
-from dvr_jax.solver.engine import Solved
+from dvr_jax.solver.engine import NlpSolution
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +93,7 @@ def judge(scene: Scene, sequences: Sequence[Sequence[Action | str]], seed: int =
                 nodes[prefix] = Node(prefix, states[depth], nodes[prefix[:-1]], reaches_goal=depth == len(actions))
     motions: dict[Node, Motion] = {}
 
-    def accept(node: Node, path: Solved) -> bool:
+    def accept(node: Node, path: NlpSolution) -> bool:
         motions[node] = motion_of(scene, node, path)
         return check_motion(scene, node.actions, motions[node]).passed
 
@@ -115,12 +115,12 @@ def _verdict(leaf: Node, motions: Mapping[Node, Motion]) -> Verdict:
     return Verdict(leaf.actions, False, culprit.refuted_by, culprit.violation)
 
 
-def passes_check(scene: Scene, node: Node, path: Solved) -> bool:
+def passes_check(scene: Scene, node: Node, path: NlpSolution) -> bool:
     """Whether the independent check accepts a path."""
     return check_motion(scene, node.actions, motion_of(scene, node, path)).passed
 
 
-def motion_of(scene: Scene, node: Node, path: Solved) -> Motion:
+def motion_of(scene: Scene, node: Node, path: NlpSolution) -> Motion:
     """The motion of a path, at the rate of the check."""
     assert node.problem is not None
     return interpolate(scene, node.problem, path.q, path.m)

@@ -30,7 +30,7 @@ from dvr_jax.search.searches import GUIDED, SEARCHES
 from dvr_jax.search.searches import search as run_search
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.warm import warming_up
-from dvr_jax.solver.engine import Solved
+from dvr_jax.solver.engine import NlpSolution
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +119,7 @@ def plan(
         accepted: list[tuple[Motion, CheckReport]] = []
         check_seconds, rejected = 0.0, 0
 
-        def accept(node: Node, path: Solved) -> bool:
+        def accept(node: Node, path: NlpSolution) -> bool:
             nonlocal check_seconds, rejected
             start = time.monotonic()
             motion = motion_of(scene, node, path)

@@ -8,7 +8,7 @@ import jax
 
 
 @dataclass(frozen=True, slots=True)
-class Buckets:
+class BatchSizes:
     """Sizes of calls."""
 
     chunk: int
@@ -17,7 +17,7 @@ class Buckets:
     """Most slices that one call measures."""
     path_lanes: int
     """Paths that are solved side by side."""
-    extension_lanes: int
+    beam_lanes: int
     """Prefixes whose particles are extended side by side, where there are many."""
     few: int
     """Up to so many are extended one by one."""
@@ -27,17 +27,17 @@ class Buckets:
     """Parts of slices whose rows that push are added up in one pass. Of the slices of paths one in seven has any."""
 
 
-CPU = Buckets(chunk=60, largest_chunk=180, path_lanes=1, extension_lanes=8, few=3, near_pairs=192, pushing_parts=32)
+CPU = BatchSizes(chunk=60, largest_chunk=180, path_lanes=1, beam_lanes=8, few=3, near_pairs=192, pushing_parts=32)
 """Keyframes of 1 to 6 actions and paths of 2, 4 and 6 fill the chunks without a rest; in one call of 180 slices, a path
 of six actions, a slice takes two thirds of the time that it takes in three. One extended prefix takes a quarter of the
 time of eight."""
 
-ACCELERATOR = Buckets(
-    chunk=1_920, largest_chunk=7_680, path_lanes=32, extension_lanes=64, few=0, near_pairs=7_680, pushing_parts=1_280
+ACCELERATOR = BatchSizes(
+    chunk=1_920, largest_chunk=7_680, path_lanes=32, beam_lanes=64, few=0, near_pairs=7_680, pushing_parts=1_280
 )
 """Chosen so that a call has work for thousands of threads; not yet measured on any."""
 
 
-def buckets() -> Buckets:
+def batch_sizes() -> BatchSizes:
     """Sizes for the device that JAX computes on."""
     return CPU if jax.default_backend() == "cpu" else ACCELERATOR

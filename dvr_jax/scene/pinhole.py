@@ -48,7 +48,7 @@ class Pinhole:
         return self.rays(columns, rows, width, height)
 
     def window(self, center: ArrayLike, radius: float, width: int, height: int) -> tuple[slice, slice]:
-        """Rows and columns of an image outside of which no ray meets a ball in the world [m]; all of them if the
+        """ConstraintValues and columns of an image outside of which no ray meets a ball in the world [m]; all of them if the
         camera is in the ball's slab or behind it."""
         local = (np.asarray(center) - self.position) @ self.rotation()
         nearest, farthest = -local[2] - radius, -local[2] + radius

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from dvr_jax.logic import Action
 from dvr_jax.nlp.problem import Problem
-from dvr_jax.seeds.keyframe_beam import Particles
+from dvr_jax.seeds.keyframe_beam import KeyframeBeam
 
 
 @dataclass(slots=True, eq=False)
@@ -20,7 +20,7 @@ class Node:
     parent: Node | None
     reaches_goal: bool
     problem: Problem | None = None
-    particles: Particles | None = None
+    beam: KeyframeBeam | None = None
     feasible: bool | None = None
     """Verdict of the sequence bound, or False by the pose bound; None: not computed."""
     refuted_by: str = ""

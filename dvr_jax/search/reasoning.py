@@ -152,7 +152,9 @@ def _guided(run: Run, network: Network, expand: _ByProbability) -> Steps[Outcome
         tree.solver.look_at_the_clock()
         if expand:
             candidate = expand.pop(threshold)
-            if not _is_refuted(candidate.node) and (candidate.node is tree.root or tree.recall_pose(candidate.node)):
+            if not _is_refuted(candidate.node) and (
+                candidate.node is tree.root or tree.check_cached_pose_bound(candidate.node)
+            ):
                 with run.timed("network"):
                     children = _query(run, network, code, candidate)
                 for child in children:
@@ -190,7 +192,7 @@ def _try(run: Run, leaves: list[Node]) -> Steps[Outcome | None]:
 
     A leaf alone is what the network is sure of; the pose bound, which other leaves share, pays where there are many."""
     run.tree.counts.verdicts["leaf"] += len(leaves)
-    passed = yield from (run.judge_leaves(leaves) if len(leaves) > 1 else run.judge_lines(leaves))
+    passed = yield from (run.judge_leaves(leaves) if len(leaves) > 1 else run.judge_prefix_chains(leaves))
     for leaf in passed:
         outcome = yield from run.try_leaves([leaf])
         if outcome is not None:

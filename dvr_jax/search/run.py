@@ -13,9 +13,9 @@ from dvr_jax.search.node import Node
 from dvr_jax.search.node_solver import PATH_STARTS
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import Steps
-from dvr_jax.solver.engine import Solved
+from dvr_jax.solver.engine import NlpSolution
 
-Accept = Callable[[Node, Solved], bool]
+Accept = Callable[[Node, NlpSolution], bool]
 """Takes a feasible path and says whether the independent check accepts it."""
 
 Progress = Callable[[str], None]
@@ -31,7 +31,7 @@ class Outcome:
     status: str
     """`SOLVED`, `EXHAUSTED` or `TIME_LIMIT`."""
     node: Node | None
-    path: Solved | None
+    path: NlpSolution | None
     seconds: dict[str, float] = field(default_factory=dict)
     """Time spent on each bound [s]."""
 
@@ -68,7 +68,7 @@ class Run:
             verdicts = yield from self.tree.judge_poses(nodes)
         return [node for node, verdict in zip(nodes, verdicts, strict=True) if verdict]
 
-    def judge_lines(self, leaves: list[Node]) -> Steps[list[Node]]:
+    def judge_prefix_chains(self, leaves: list[Node]) -> Steps[list[Node]]:
         """Sequence bound of leaves, along their prefixes, with a second look at what it refutes: those that pass."""
         for depth in range(1, max((leaf.depth for leaf in leaves), default=0) + 1):
             prefixes = dict.fromkeys(leaf.ancestor(depth) for leaf in leaves)
@@ -79,7 +79,7 @@ class Run:
             unjudged = [node for node in prefixes if node.feasible is None]
             yield from self.judge_sequences(unjudged)
             with self.timed("sequence"):
-                yield from self.tree.look_again(unjudged)
+                yield from self.tree.retry_refuted(unjudged)
         return [leaf for leaf in leaves if leaf.feasible]
 
     def judge_leaves(self, leaves: list[Node]) -> Steps[list[Node]]:
@@ -88,11 +88,11 @@ class Run:
             prefixes = dict.fromkeys(leaf.ancestor(depth) for leaf in leaves)
             passed = set((yield from self.judge_poses(list(prefixes))))
             leaves = [leaf for leaf in leaves if leaf.ancestor(depth) in passed]
-        return (yield from self.judge_lines(leaves))
+        return (yield from self.judge_prefix_chains(leaves))
 
     def try_leaves(self, leaves: list[Node]) -> Steps[Outcome | None]:
         """Paths of feasible leaves, best keyframes first."""
-        for node in sorted(leaves, key=lambda leaf: float(leaf.particles.violation.min())):  # type: ignore[union-attr]
+        for node in sorted(leaves, key=lambda leaf: float(leaf.beam.violation.min())):  # type: ignore[union-attr]
             self.tree.counts.verdicts["path"] += 1
             outcome = yield from self.try_path(node)
             if outcome is not None:

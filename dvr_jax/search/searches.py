@@ -66,7 +66,7 @@ def multi_bound(run: Run) -> Steps[Outcome]:
     def judge(nodes: list[Node]) -> Steps[list[Node]]:
         if nodes and nodes[0].depth <= EAGER:
             return (yield from run.judge_poses(nodes))
-        return [node for node in nodes if run.tree.recall_pose(node)]
+        return [node for node in nodes if run.tree.check_cached_pose_bound(node)]
 
     return (yield from _search(run, run.judge_leaves, judge))
 

@@ -1,5 +1,5 @@
 """The tree of action sequences of one scene, and the verdicts of its bounds, computed once and kept; only
-`SequenceTree.look_again` takes one back.
+`SequenceTree.retry_refuted` takes one back.
 
 Bounds of a node, each a relaxation of the next, so that infeasible under one means infeasible under all that follow
 and for all descendants:
@@ -66,9 +66,9 @@ class SequenceTree:
         self._switches: _Known = {}
         """Of the last switch alone, by the grasp that holds the object and the action."""
         self.root = Node((), self.grounding.initial_state, None, reaches_goal=False, feasible=True)
-        self.root.particles = empty_prefix(len(scene.objects), k_max)
+        self.root.beam = empty_prefix(len(scene.objects), k_max)
 
-    def too_large(self, node: Node) -> list[Action]:
+    def statically_infeasible_actions(self, node: Node) -> list[Action]:
         """Actions that the logic allows after a prefix and a constant of the scene refutes."""
         actions = self.grounding.actions
         return [actions[i] for i in self.grounding.applicable(node.state) if self._refuted[actions[i]] is not None]
@@ -109,7 +109,7 @@ class SequenceTree:
         yield from self.solver.solve(unproved, "sequence")
         self._count("sequence", unjudged)
 
-    def look_again(self, nodes: list[Node]) -> Steps[None]:
+    def retry_refuted(self, nodes: list[Node]) -> Steps[None]:
         """Second opinion on nodes that the sequence bound has refuted: their last actions are sampled anew, and the
         keyframe NLP is started from every particle."""
         refuted = [node for node in nodes if node.feasible is False and node.refuted_by == "sequence"]
@@ -135,10 +135,10 @@ class SequenceTree:
                 node.refute("pose", judged.violation)
             elif not ignored:
                 # Nothing is left out: this is the sequence bound.
-                node.feasible, node.problem, node.particles = True, judged.problem, judged.particles
+                node.feasible, node.problem, node.beam = True, judged.problem, judged.beam
         return [node.feasible is not False for node in nodes]
 
-    def recall_pose(self, node: Node) -> bool:
+    def check_cached_pose_bound(self, node: Node) -> bool:
         """Whether a node may go on: False, and the node refuted, if some other node's pose bound refutes it too."""
         chain, ignored = self._chain(node)
         for length in range(1, len(chain) + 1 if node.feasible is not True else 0):
@@ -222,7 +222,7 @@ class SequenceTree:
         for others, other in known.items():
             if others < ignored and other.feasible:
                 node.feasible, node.problem = True, other.problem
-                node.particles = self.solver.leave_out(other.particles, ignored)
+                node.beam = self.solver.leave_out(other.beam, ignored)
                 return True
         return False
 

@@ -13,15 +13,15 @@ import jax.numpy as jnp
 from dvr_jax.logic import Action
 from dvr_jax.nlp.problem import PARAMETERS, Variables
 from dvr_jax.nlp.transcription import transcribe
-from dvr_jax.runtime.batch_sizes import buckets
+from dvr_jax.runtime.batch_sizes import batch_sizes
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.reasoning import Network
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.seeds.initial_paths import path_problem, path_start
 from dvr_jax.seeds.keyframe_beam import empty_prefix
 from dvr_jax.solver.augmented_lagrangian import Settings
-from dvr_jax.solver.continuous_collision import look_between
-from dvr_jax.solver.engine import extend_prefixes, solve, stack
+from dvr_jax.solver.continuous_collision import sample_penetration
+from dvr_jax.solver.engine import extend_beams, solve, stack
 
 _ready: set[tuple[int, int, Hashable]] = set()
 """Number of objects, number of actions and size of the network whose programs this process has."""
@@ -61,19 +61,19 @@ def warm_up(
         def solve_path(K: int) -> None:
             begin = path_start(problems[K], points[K])
             path = path_problem(problems[K], begin)
-            look_between(stack([path]), stack([begin]))
+            sample_penetration(stack([path]), stack([begin]))
             solve([path], [begin], once)
 
         def extend(lanes: int) -> None:
-            particles = empty_prefix(len(scene.objects), k_max)
+            beam = empty_prefix(len(scene.objects), k_max)
             for problem in problems.values():
-                (particles,) = extend_prefixes([particles], [problem], 0, [lanes])
+                (beam,) = extend_beams([beam], [problem], 0, [lanes])
 
-        # In the order in which a search comes to need them. One that is guided extends particles itself meanwhile; the
+        # In the order in which a search comes to need them. One that is guided extends beam itself meanwhile; the
         # prefixes and paths that it then has to solve are seldom the shortest or the longest, so these come last.
         keyframes, paths = ([partial(call, K) for K in lengths] for call in (solve_keyframes, solve_path))
-        one_by_one = [1] if buckets().few else []
-        extensions = [partial(extend, lanes) for lanes in (*one_by_one, buckets().extension_lanes)]
+        one_by_one = [1] if batch_sizes().few else []
+        extensions = [partial(extend, lanes) for lanes in (*one_by_one, batch_sizes().beam_lanes)]
         if network is None:
             jobs = [*keyframes, *reversed(extensions), *paths]
         else:

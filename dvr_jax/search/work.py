@@ -11,23 +11,23 @@ from itertools import islice
 from typing import Any, TypeVar
 
 from dvr_jax.nlp.problem import Problem, Variables
-from dvr_jax.seeds.keyframe_beam import Particles
+from dvr_jax.seeds.keyframe_beam import KeyframeBeam
 from dvr_jax.solver.augmented_lagrangian import Settings
-from dvr_jax.solver.engine import Solved, extend_prefixes, extension_lanes, solve
+from dvr_jax.solver.engine import NlpSolution, beam_lanes, extend_beams, solve
 
 
 @dataclass(frozen=True, slots=True)
 class Extend:
-    """Particles of prefixes from those of their parents (`extend_prefixes`); the result is a list of `Particles`."""
+    """KeyframeBeam of prefixes from those of their parents (`extend_beams`); the result is a list of `KeyframeBeam`."""
 
-    parents: Sequence[Particles]
+    parents: Sequence[KeyframeBeam]
     problems: Sequence[Problem]
     seed: int
 
 
 @dataclass(frozen=True, slots=True)
 class Solve:
-    """NLPs of one shape from one start each (`solve`); the result is a list of `Solved`."""
+    """NLPs of one shape from one start each (`solve`); the result is a list of `NlpSolution`."""
 
     problems: Sequence[Problem]
     starts: Sequence[Variables]
@@ -101,12 +101,12 @@ def _batch_key(request: Request) -> tuple[Any, ...]:
     return Solve, objects, request.starts[0].q.shape, request.starts[0].m.shape, request.settings
 
 
-def _execute_batch(requests: list[Request]) -> list[Particles] | list[Solved]:
+def _execute_batch(requests: list[Request]) -> list[KeyframeBeam] | list[NlpSolution]:
     problems = [problem for request in requests for problem in request.problems]
     first = requests[0]
     if isinstance(first, Extend):
-        parents = [particles for request in requests if isinstance(request, Extend) for particles in request.parents]
-        lanes = [count for request in requests for count in extension_lanes(request.problems)]
-        return extend_prefixes(parents, problems, first.seed, lanes)
+        parents = [beam for request in requests if isinstance(request, Extend) for beam in request.parents]
+        lanes = [count for request in requests for count in beam_lanes(request.problems)]
+        return extend_beams(parents, problems, first.seed, lanes)
     starts = [start for request in requests if isinstance(request, Solve) for start in request.starts]
     return solve(problems, starts, first.settings)

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from dvr_jax.nlp.problem import HELD_LEFT, Problem, Variables
-from dvr_jax.seeds.keyframe_beam import Particles
+from dvr_jax.seeds.keyframe_beam import KeyframeBeam
 from dvr_jax.solver.continuous_collision import PATH_SAMPLES, even_shares, place_samples
 from dvr_jax.workcell.panda.inverse_kinematics import shift_gripper
 
@@ -22,7 +22,7 @@ STEPS_PER_PHASE = 10
 """Slices of a path per phase."""
 
 
-def keyframe_start(prefix: Particles, rank: int, K: int) -> Variables:
+def keyframe_start(prefix: KeyframeBeam, rank: int, K: int) -> Variables:
     """The particle of this rank (0: least violation) as a start of the keyframe NLP."""
     index = int(np.argsort(prefix.violation, kind="stable")[rank])
     return Variables(prefix.q[index, :K].astype(float), prefix.m[index, :K].astype(float))

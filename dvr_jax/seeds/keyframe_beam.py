@@ -7,7 +7,7 @@ inverse kinematics, ranked by how deep things penetrate. A child's particles are
 of mode parameters, inverse kinematics, distances, the best kept with a share for every parent. Sequences with a common
 prefix share its particles.
 
-Particles propose. One that touches nothing is a feasible point by itself (`dvr_jax.search.node_solver.WITNESS`); in all
+KeyframeBeam propose. One that touches nothing is a feasible point by itself (`dvr_jax.search.node_solver.CERTIFIED_PENETRATION`); in all
 other cases the NLP decides.
 """
 
@@ -26,12 +26,12 @@ from dvr_jax.modes.poses import Attachment
 from dvr_jax.nlp.problem import FIXED, HELD_LEFT, PARAMETERS, Problem
 from dvr_jax.nlp.slices import Slices, measure
 from dvr_jax.runtime.compilation import Program
-from dvr_jax.seeds.proposals import LARGEST_GRASP, NUMBERS, PROPOSE, Extension, Holding
+from dvr_jax.seeds.proposals import LARGEST_GRASP, NUMBERS, PROPOSE, BeamStep, Holding
 from dvr_jax.workcell.kinematics import load_arm
 from dvr_jax.workcell.panda.inverse_kinematics import BRANCHES, arm_angles
 
-PARTICLES = 16
-"""Particles kept for each prefix."""
+BEAM_WIDTH = 16
+"""KeyframeBeam kept for each prefix."""
 PROPOSALS = 32
 """Proposals for each particle."""
 EVALUATED = 96
@@ -46,16 +46,16 @@ posture."""
 UNREACHABLE = 10.0
 """Stands for the violation of a proposal without inverse kinematics [m]."""
 
-SHARES = {"grasp": 0.01, "handover": 0.01, "place": 0.003}
+SIBLING_PENALTY = {"grasp": 0.01, "handover": 0.01, "place": 0.003}
 """By how much a further child of the same parent must be better [m]. A grasp decides what can be reached later, so its
 variety is worth more penetration than a placement's."""
 
-RANDOM_SHAPE = (NUMBERS + 2 * LAST_JOINT_SAMPLES, PARTICLES, PROPOSALS)
+RANDOM_SHAPE = (NUMBERS + 2 * LAST_JOINT_SAMPLES, BEAM_WIDTH, PROPOSALS)
 """Uniform numbers that one extension takes."""
 
 
-class Particles(NamedTuple):
-    """Particles of a batch of M prefixes; N objects, K_max switches at most."""
+class KeyframeBeam(NamedTuple):
+    """KeyframeBeam of a batch of M prefixes; N objects, K_max switches at most."""
 
     kind: Array
     """(M, N) int: how each object is attached after the prefix (the same for all particles)."""
@@ -71,28 +71,28 @@ class Particles(NamedTuple):
     """(M, B, K_max, 4) mode parameters of the actions so far."""
 
 
-def empty_prefix(number_of_objects: int, k_max: int) -> Particles:
-    """Particles of the empty prefix, without the batch axis."""
-    N, B = number_of_objects, PARTICLES
+def empty_prefix(number_of_objects: int, k_max: int) -> KeyframeBeam:
+    """KeyframeBeam of the empty prefix, without the batch axis."""
+    N, B = number_of_objects, BEAM_WIDTH
 
     def zeros(*shape: int) -> np.ndarray:
         return np.zeros(shape, np.float32)
 
-    return Particles(
+    return KeyframeBeam(
         kind=np.full(N, FIXED, np.int32), face_yaw=zeros(N), parameters=zeros(B, N, PARAMETERS), violation=zeros(B),
         q=zeros(B, k_max, 14), m=zeros(B, k_max, PARAMETERS),
     )  # fmt: skip
 
 
-def held_prefix(problem: Problem, k_max: int, seed: int) -> Particles:
-    """Particles of a grasp that may be any within its bounds (`transcribe_switch`), without the batch axis."""
+def held_prefix(problem: Problem, k_max: int, seed: int) -> KeyframeBeam:
+    """KeyframeBeam of a grasp that may be any within its bounds (`transcribe_switch`), without the batch axis."""
     empty, item = empty_prefix(len(problem.half), k_max), problem.switched_object[0]
     largest = np.array(LARGEST_GRASP)
     limits = np.clip((problem.lower[0], problem.upper[0]), -largest, largest)
     # Each parameter's range is divided evenly among the particles.
-    generator = np.random.default_rng([seed, PARTICLES])
-    rank = generator.permuted(np.tile(np.arange(PARTICLES), (PARAMETERS, 1)), axis=1)
-    share = (rank + generator.random(rank.shape)) / PARTICLES
+    generator = np.random.default_rng([seed, BEAM_WIDTH])
+    rank = generator.permuted(np.tile(np.arange(BEAM_WIDTH), (PARAMETERS, 1)), axis=1)
+    share = (rank + generator.random(rank.shape)) / BEAM_WIDTH
     grasps = (limits[0] + (limits[1] - limits[0]) * share.T).astype(np.float32)
     empty.face_yaw[item] = problem.face_yaw[0]
     empty.parameters[:, item] = empty.m[:, 0] = grasps
@@ -128,7 +128,7 @@ def _reach(arm: Array, R: Rotation, p: Vector, u: Array, home: Array) -> tuple[A
     return jnp.moveaxis(q, 0, -1), cost.min(0)
 
 
-class _Candidates(NamedTuple):
+class _BeamCandidates(NamedTuple):
     """The E most promising proposals of each of M prefixes."""
 
     q: Array
@@ -145,8 +145,8 @@ class _Candidates(NamedTuple):
 
 @Program
 def _choose(
-    particles: Particles, step: Extension, m: Array, overhang: Array, q: Array, cost: Array, q_other: Array | None
-) -> _Candidates:
+    particles: KeyframeBeam, step: BeamStep, m: Array, overhang: Array, q: Array, cost: Array, q_other: Array | None
+) -> _BeamCandidates:
     """Proposals whose distances are worth computing: the best by inverse kinematics."""
     M, B, J = overhang.shape
     total = cost + overhang + particles.violation[:, :, None]
@@ -163,7 +163,7 @@ def _choose(
     else:
         other = gather(q_other)
     left = (step.arm == 0)[:, None, None]
-    return _Candidates(
+    return _BeamCandidates(
         jnp.concatenate([jnp.where(left, acting, other), jnp.where(left, other, acting)], axis=-1),
         gather(jnp.moveaxis(m, 0, -1)),
         chosen // J,
@@ -173,7 +173,7 @@ def _choose(
 
 
 @Program
-def _penetration(particles: Particles, step: Extension, candidates: _Candidates) -> Array:
+def _penetration(particles: KeyframeBeam, step: BeamStep, candidates: _BeamCandidates) -> Array:
     """Sum of penetrations (M, E) [m] at the switch slice."""
     M, E = candidates.parent.shape
     N, L = particles.kind.shape[1], M * E
@@ -197,10 +197,10 @@ def _penetration(particles: Particles, step: Extension, candidates: _Candidates)
 
 
 @Program
-def _select(particles: Particles, step: Extension, candidates: _Candidates, penetration: Array) -> Particles:
+def _select(particles: KeyframeBeam, step: BeamStep, candidates: _BeamCandidates, penetration: Array) -> KeyframeBeam:
     """The best candidates, with a share for every parent: the k-th best child of one parent waits behind others."""
     M, N = particles.kind.shape
-    B = PARTICLES
+    B = BEAM_WIDTH
     cost, parent = candidates.cost, candidates.parent
     violation = jnp.where(cost >= UNREACHABLE, cost, penetration + candidates.overhang)
     violation += jnp.take_along_axis(particles.violation, parent, axis=1)
@@ -216,7 +216,7 @@ def _select(particles: Particles, step: Extension, candidates: _Candidates, pene
     m_new = jnp.take_along_axis(candidates.m, best[..., None], axis=1)
     depth = jnp.arange(particles.q.shape[2])[None, None, :, None] == step.depth[:, None, None, None]
     item = jnp.arange(N)[None] == step.item[:, None]
-    return Particles(
+    return KeyframeBeam(
         kind=jnp.where(item, step.new_kind[:, None], particles.kind),
         face_yaw=jnp.where(item, step.face_yaw[:, None], particles.face_yaw),
         parameters=jnp.where(item[:, None, :, None], m_new[:, :, None], from_parent(particles.parameters)),
@@ -226,8 +226,8 @@ def _select(particles: Particles, step: Extension, candidates: _Candidates, pene
     )
 
 
-def extend(particles: Particles, step: Extension, u: np.ndarray, case: str) -> Particles:
-    """Particles of M prefixes, each one action longer.
+def extend(particles: KeyframeBeam, step: BeamStep, u: np.ndarray, case: str) -> KeyframeBeam:
+    """KeyframeBeam of M prefixes, each one action longer.
 
     Args:
         u: uniform numbers (`RANDOM_SHAPE`).

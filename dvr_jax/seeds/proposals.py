@@ -36,7 +36,7 @@ PLACING_RADIUS = (0.3, 0.8)
 """Distances from its base at which an arm puts things on the table [m]."""
 
 
-class Extension(NamedTuple):
+class BeamStep(NamedTuple):
     """One action for each of M prefixes, as arrays."""
 
     half: Array
@@ -93,7 +93,7 @@ class Proposed(NamedTuple):
     """(M, B, J) by how much a placed object sticks out of its support [m]; it counts as violation."""
 
 
-def _of_item(value: Array, step: Extension) -> Array:
+def _of_item(value: Array, step: BeamStep) -> Array:
     """(M, N) to (M, 1, 1) for the switched object."""
     return jnp.take_along_axis(value, step.item[:, None], axis=1)[:, :, None]
 
@@ -105,7 +105,7 @@ def _held_frame(holding: Holding) -> tuple[Rotation, Vector]:
     return R, p
 
 
-def _sample_grasp(step: Extension, u: Array) -> tuple[Array, Rotation, Vector]:
+def _sample_grasp(step: BeamStep, u: Array) -> tuple[Array, Rotation, Vector]:
     """Mode parameters (4, M, B, J) within their bounds, and the gripper in the object's frame."""
     wide = jnp.asarray(LARGEST_GRASP, u.dtype)
     low, high = (jnp.clip(bound, -wide, wide).T[..., None, None] for bound in (step.lower, step.upper))
@@ -121,7 +121,7 @@ def _compose(R: Rotation, p: Vector, R_hand: Rotation, p_hand: Vector, shape: tu
 
 
 @Program
-def propose_grasp(step: Extension, holding: Holding, u: Array) -> Proposed:
+def propose_grasp(step: BeamStep, holding: Holding, u: Array) -> Proposed:
     """Grasps of a standing object."""
     m, R_hand, p_hand = _sample_grasp(step, u)
     fixed = (holding.kind == FIXED)[:, None, None]
@@ -135,7 +135,7 @@ def propose_grasp(step: Extension, holding: Holding, u: Array) -> Proposed:
 
 
 @Program
-def propose_handover(step: Extension, holding: Holding, u: Array) -> Proposed:
+def propose_handover(step: BeamStep, holding: Holding, u: Array) -> Proposed:
     """Grasps of an object that the other arm holds: where they meet is free, within reach of both."""
     m, R_taker, p_taker = _sample_grasp(step, u)
     p = vector(*(low + (high - low) * u[4 + i] for i, (low, high) in enumerate(MEETING)))[:, None]
@@ -153,7 +153,7 @@ def propose_handover(step: Extension, holding: Holding, u: Array) -> Proposed:
 
 
 @Program
-def propose_place(step: Extension, holding: Holding, u: Array) -> Proposed:
+def propose_place(step: BeamStep, holding: Holding, u: Array) -> Proposed:
     """Placements of a held object: inside the support's rectangle, and on a large one within the arm's reach."""
     support = [step.support[:, None, None, i] for i in range(5)]
     half = [_of_item(step.half[..., i], step) for i in range(4)]

@@ -74,7 +74,7 @@ class Settings(NamedTuple):
     `course_ratio` times the tolerance after `course_start` iterations to the tolerance at the iteration limit."""
 
 
-class Lane(NamedTuple):
+class SolverState(NamedTuple):
     """One lane of the method."""
 
     x: Any
@@ -104,7 +104,7 @@ class Lane(NamedTuple):
     status: Array
 
 
-class Judged(NamedTuple):
+class TrialUpdate(NamedTuple):
     """The verdict on a lane's trial point, between `judge` and `advance`."""
 
     accepted: Array
@@ -125,7 +125,7 @@ class Judged(NamedTuple):
     restoration: Array
 
 
-def trial_point(lane: Lane) -> Any:
+def trial_point(lane: SolverState) -> Any:
     """The point to be looked at next."""
     return jax.tree.map(jnp.add, lane.x, lane.step)
 
@@ -170,13 +170,13 @@ def _sum(value: Array) -> Array:
 
 def judge(
     settings: Settings,
-    lane: Lane,
+    lane: SolverState,
     cost: Array,
     c: Sequence[Array],
     scales: Sequence[Array],
     equalities: Sequence[bool],
     ratio: Array,
-) -> Judged:
+) -> TrialUpdate:
     """Accept or refuse a lane's trial point, and update its multipliers.
 
     Args:
@@ -212,19 +212,26 @@ def judge(
     restoring = restoration == DURING
     force, curvature, total = forces(_unless(restoring, multipliers), c, p, equalities)
     value = jnp.where(ended | leaves, _unless(restoring, cost) + total, value)
-    return Judged(accepted, feasible, ended, ratio, multipliers, penalty, value, force, curvature, stale, restoration)
+    return TrialUpdate(
+        accepted, feasible, ended, ratio, multipliers, penalty, value, force, curvature, stale, restoration
+    )
 
 
 def advance(
-    settings: Settings, lane: Lane, judged: Judged, system: Any, report: Any, solve: Callable[[Any, Array], Any]
-) -> Lane:
+    settings: Settings,
+    lane: SolverState,
+    judged: TrialUpdate,
+    system: Any,
+    report: Any,
+    solve: Callable[[Any, Array], Any],
+) -> SolverState:
     """Move a lane to its trial point if that was accepted, and find the next trial point.
 
     Args:
-        system: Gauss-Newton system at the trial point; while `Judged.restoration` is DURING, without the gradient of
+        system: Gauss-Newton system at the trial point; while `TrialUpdate.restoration` is DURING, without the gradient of
         the costs.
         report: what the caller wants to keep of it.
-        solve: step of a system with a damping, of the structure of `Lane.x`; NaN where it is indefinite.
+        solve: step of a system with a damping, of the structure of `SolverState.x`; NaN where it is indefinite.
     """
     accepted, first = judged.accepted, jnp.isinf(lane.value)
     damping = jnp.where(
@@ -256,7 +263,7 @@ def advance(
     status = jnp.where((judged.stale >= settings.patience) | off_course, STAGNATED, status)
     status = jnp.where(first & ~jnp.isfinite(value), NUMERICAL_FAILURE, status)
     status = jnp.where(judged.feasible, FEASIBLE, status)
-    return Lane(
+    return SolverState(
         x=x,
         step=step,
         multipliers=judged.multipliers,

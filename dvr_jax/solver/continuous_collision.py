@@ -57,14 +57,14 @@ def even_shares(T: int, samples: int = PATH_SAMPLES) -> Floats:
     """Samples (T, M) that divide each interval evenly.
 
     Raises:
-        ValueError: where M looks at a time do not make up `look_between`'s.
+        ValueError: where M looks at a time do not make up `sample_penetration`'s.
     """
     if (SAMPLES_PER_SLICE - 1) % samples:
         raise ValueError(f"{samples} samples a slice; valid are divisors of {SAMPLES_PER_SLICE - 1}")
     return np.tile(np.arange(1, samples + 1) / samples, (T, 1))
 
 
-class Looks(NamedTuple):
+class PenetrationSamples(NamedTuple):
     """What lanes' motions are seen to do at L times of each interval."""
 
     share: Floats
@@ -73,7 +73,7 @@ class Looks(NamedTuple):
     """(B, T, L) deepest penetration of anything, negative where all is clear [m]."""
 
 
-def look_between(problems: Problem, x: Variables) -> Looks:
+def sample_penetration(problems: Problem, x: Variables) -> PenetrationSamples:
     """Penetrations at the times 1/R, ..., (R - 1)/R of each interval, R = `SAMPLES_PER_SLICE`, and in the middle of
     those `PATH_SAMPLES` of the gaps between them whose ends are deepest: a finger can pass an object's edge in one."""
     B, T, M = problems.share.shape
@@ -81,12 +81,12 @@ def look_between(problems: Problem, x: Variables) -> Looks:
     home, q = np.asarray(problems.home), np.asarray(x.q)
     curves = [joint_curve(*lane) for lane in zip(home, q, strict=True)]
 
-    def see(share: Floats) -> Looks:
+    def see(share: Floats) -> PenetrationSamples:
         """At as many times as the NLP has samples, so that the solver's compiled programs serve."""
         offset = np.stack([_deviation(*lane) for lane in zip(home, q, curves, share, strict=True)])
         chunks = lay_out_chunks(problems._replace(share=share, offset=offset), x)
         distance = np.concatenate([np.asarray(measure_chunk(chunk).distance).min(axis=1) for chunk in chunks])
-        return Looks(share, -distance[: B * T * M].reshape(B, T, M))
+        return PenetrationSamples(share, -distance[: B * T * M].reshape(B, T, M))
 
     looks = [see(np.tile(part, (B, T, 1))) for part in even.reshape(-1, M)]
     depth = np.concatenate([look.depth for look in looks], axis=2)
@@ -94,15 +94,15 @@ def look_between(problems: Problem, x: Variables) -> Looks:
     deepest = np.argsort(-(ends[..., :-1] + ends[..., 1:]), axis=2, kind="stable")[..., :M]
     looks.append(see((np.sort(deepest, axis=2) + 0.5) / SAMPLES_PER_SLICE))
     share, depth = (np.concatenate([look[part] for look in looks], axis=2) for part in range(2))
-    return Looks(share, depth)
+    return PenetrationSamples(share, depth)
 
 
-def move_samples(problem: Problem, q: Floats, share: Floats, depth: Floats) -> Problem:
+def exchange_samples(problem: Problem, q: Floats, share: Floats, depth: Floats) -> Problem:
     """The NLP with its samples on the motion through q (T, 14), and where that penetrates too deep, the sample of that
     part of the interval moved to the deepest place.
 
     Args:
-        share, depth: (T, L) of this lane's `Looks`.
+        share, depth: (T, L) of this lane's `PenetrationSamples`.
     """
     moved = np.array(problem.share)
     parts = moved.shape[1] - 1  # the last sample stays at the slice

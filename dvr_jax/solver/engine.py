@@ -17,16 +17,16 @@ import numpy as np
 from dvr_jax.errors import DvrError
 from dvr_jax.nlp.problem import HELD_LEFT, Problem, Variables
 from dvr_jax.nlp.tolerances import Violations
-from dvr_jax.runtime.batch_sizes import buckets
+from dvr_jax.runtime.batch_sizes import batch_sizes
 from dvr_jax.runtime.threads import linear_algebra_on_one_thread
-from dvr_jax.seeds.keyframe_beam import RANDOM_SHAPE, SHARES, Particles, case_of, extend
-from dvr_jax.seeds.proposals import Extension
-from dvr_jax.solver.augmented_lagrangian import FEASIBLE, ITERATION_LIMIT, RUNNING, Lane, Settings
+from dvr_jax.seeds.keyframe_beam import RANDOM_SHAPE, SIBLING_PENALTY, KeyframeBeam, case_of, extend
+from dvr_jax.seeds.proposals import BeamStep
+from dvr_jax.solver.augmented_lagrangian import FEASIBLE, ITERATION_LIMIT, RUNNING, Settings, SolverState
 from dvr_jax.solver.continuous_collision import (
     BETWEEN_TOLERANCE,
     EXCHANGES,
-    look_between,
-    move_samples,
+    exchange_samples,
+    sample_penetration,
 )
 from dvr_jax.solver.iteration import iterate, lay_out_chunks, start, to_device
 from dvr_jax.workcell.constants import BASE_POSITIONS
@@ -38,11 +38,11 @@ RESTARTED = (
     "step", "damping", "value", "report", "updated_ratio", "best_ratio", "inner", "stale", "iterations", "restoration",
     "status",
 )  # fmt: skip
-"""Of a `Lane`, what changes when its solution penetrates between its samples."""
+"""Of a `SolverState`, what changes when its solution penetrates between its samples."""
 
 
 @dataclass(frozen=True, slots=True)
-class Solved:
+class NlpSolution:
     """Result of one NLP."""
 
     feasible: bool
@@ -63,7 +63,7 @@ def stack(trees: Sequence[Any]) -> Any:
     return jax.tree.map(lambda *leaves: np.stack(leaves), *trees)
 
 
-def _extension(problem: Problem, k: int, case: str) -> Extension:
+def _extension(problem: Problem, k: int, case: str) -> BeamStep:
     """Arrays of action k of a problem."""
     item = int(problem.switched_object[k])
     before, after = int(problem.attachment[k, item]), int(problem.attachment[k + 1, item])
@@ -72,12 +72,12 @@ def _extension(problem: Problem, k: int, case: str) -> Extension:
     def number(value: Any) -> np.ndarray:
         return np.asarray(value, np.float32)
 
-    return Extension(
+    return BeamStep(
         half=number(problem.half), initial_pose=number(problem.initial_pose), home=number(problem.home),
         opening=number(np.maximum(problem.opening[k], problem.opening[k + 1])), depth=np.int32(k), arm=np.int32(arm),
         base=number(BASE_POSITIONS[arm]), item=np.int32(item), new_kind=np.int32(after),
         face_yaw=number(problem.face_yaw[k]), lower=number(problem.lower[k]), upper=number(problem.upper[k]),
-        support=number(problem.support[k]), share=number(SHARES[case]),
+        support=number(problem.support[k]), share=number(SIBLING_PENALTY[case]),
     )  # fmt: skip
 
 
@@ -88,21 +88,21 @@ def _extension_kind(problem: Problem) -> tuple[str, int]:
     return case_of(kind, bool(problem.is_grasp[k] > 0)), k
 
 
-def extension_lanes(problems: Sequence[Problem]) -> list[int]:
+def beam_lanes(problems: Sequence[Problem]) -> list[int]:
     """How many prefixes each of these shares a call with when they are asked for together.
 
     A program of other lanes may round differently, so that who asks decides, and not who else is served with it."""
     kinds = [_extension_kind(problem) for problem in problems]
     counts = Counter(kinds)
-    return [1 if counts[kind] <= buckets().few else buckets().extension_lanes for kind in kinds]
+    return [1 if counts[kind] <= batch_sizes().few else batch_sizes().beam_lanes for kind in kinds]
 
 
-def extend_prefixes(
-    parents: Sequence[Particles], problems: Sequence[Problem], seed: int, lanes: Sequence[int]
-) -> list[Particles]:
-    """Particles of prefixes, each one action longer than its parent's; ``problems`` are those of the longer
-    prefixes, ``lanes`` their `extension_lanes`."""
-    children: list[Particles | None] = [None] * len(parents)
+def extend_beams(
+    parents: Sequence[KeyframeBeam], problems: Sequence[Problem], seed: int, lanes: Sequence[int]
+) -> list[KeyframeBeam]:
+    """KeyframeBeam of prefixes, each one action longer than its parent's; ``problems`` are those of the longer
+    prefixes, ``lanes`` their `beam_lanes`."""
+    children: list[KeyframeBeam | None] = [None] * len(parents)
     groups: dict[tuple[tuple[str, int], int], list[int]] = {}
     for index, (problem, count) in enumerate(zip(problems, lanes, strict=True)):
         groups.setdefault((_extension_kind(problem), count), []).append(index)
@@ -120,7 +120,7 @@ def extend_prefixes(
 
 
 @linear_algebra_on_one_thread()
-def solve(problems: Sequence[Problem], starts: Sequence[Variables], settings: Settings) -> list[Solved]:
+def solve(problems: Sequence[Problem], starts: Sequence[Variables], settings: Settings) -> list[NlpSolution]:
     """Solve NLPs of one shape from one start each.
 
     Lanes that have ended are filled again once `REFILLED` of them wait, so that the slow ones hold nobody up. A path
@@ -137,9 +137,9 @@ def solve(problems: Sequence[Problem], starts: Sequence[Variables], settings: Se
     T, K = len(starts[0].q), len(starts[0].m)
     is_path = T > K
     is_looked_at = is_path and problems[0].share.shape[1] > 1
-    lanes = buckets().path_lanes if is_path else max(buckets().chunk // K, 1)
+    lanes = batch_sizes().path_lanes if is_path else max(batch_sizes().chunk // K, 1)
     waiting = list(range(len(problems)))[::-1]
-    results: list[Solved | None] = [None] * len(problems)
+    results: list[NlpSolution | None] = [None] * len(problems)
     exchanges, spent = np.zeros((2, lanes), int)
     accepted = np.zeros(lanes, bool)
     owner = [waiting.pop() if waiting else None for _ in range(lanes)]
@@ -155,7 +155,7 @@ def solve(problems: Sequence[Problem], starts: Sequence[Variables], settings: Se
         ended = [lane for lane, i in enumerate(owner) if i is not None and status[lane] != RUNNING]
         found = [lane for lane in ended if status[lane] == FEASIBLE and not accepted[lane]] if is_looked_at else []
         if found:
-            looks = look_between(batch_on_device, states.x)
+            looks = sample_penetration(batch_on_device, states.x)
             # To change; the others stay where they are.
             states = states._replace(**{name: jax.tree.map(np.array, getattr(states, name)) for name in RESTARTED})
             depths = looks.depth.max(axis=(1, 2))
@@ -169,7 +169,7 @@ def solve(problems: Sequence[Problem], starts: Sequence[Variables], settings: Se
                 exchanges[lane] += 1
                 spent[lane] += states.iterations[lane]
                 problem = jax.tree.map(lambda leaf, lane=lane: leaf[lane], batch)
-                placed = move_samples(problem, np.asarray(states.x.q)[lane], looks.share[lane], looks.depth[lane])
+                placed = exchange_samples(problem, np.asarray(states.x.q)[lane], looks.share[lane], looks.depth[lane])
                 batch.share[lane], batch.offset[lane] = placed.share, placed.offset
                 _go_on(states, lane, settings)
             status = np.asarray(states.status)
@@ -202,11 +202,11 @@ def solve(problems: Sequence[Problem], starts: Sequence[Variables], settings: Se
             return results  # type: ignore[return-value]
 
 
-def _trial_points(states: Lane) -> Variables:
+def _trial_points(states: SolverState) -> Variables:
     return jax.tree.map(lambda x, step: np.asarray(x) + np.asarray(step), states.x, states.step)
 
 
-def _go_on(states: Lane, lane: int, settings: Settings) -> None:
+def _go_on(states: SolverState, lane: int, settings: Settings) -> None:
     """Make a lane that has ended start again from its point, with its multipliers and penalty."""
     for step in states.step:
         step[lane] = 0
@@ -223,8 +223,8 @@ def _assign(target: Any, lanes: list[int], values: Any) -> None:
         leaf[lanes] = value
 
 
-def _solved(x: Variables, violations: Violations, iterations: np.ndarray, status: int) -> Solved:
-    return Solved(
+def _solved(x: Variables, violations: Violations, iterations: np.ndarray, status: int) -> NlpSolution:
+    return NlpSolution(
         feasible=status == FEASIBLE,
         ratio=float(violations.ratio()),
         violations={name: float(value) for name, value in violations._asdict().items()},
@@ -235,8 +235,8 @@ def _solved(x: Variables, violations: Violations, iterations: np.ndarray, status
     )
 
 
-def adopt(prefix: Particles, problem: Problem, solution: Solved) -> Particles:
-    """Particles with a solution of the keyframe NLP in the place of the worst one."""
+def adopt(prefix: KeyframeBeam, problem: Problem, solution: NlpSolution) -> KeyframeBeam:
+    """KeyframeBeam with a solution of the keyframe NLP in the place of the worst one."""
     K = solution.m.shape[0]
     index = int(np.argmax(prefix.violation))
     q, m, violation, parameters = (x.copy() for x in (prefix.q, prefix.m, prefix.violation, prefix.parameters))

@@ -16,11 +16,11 @@ from jax import Array
 
 from dvr_jax.geometry.vectors import materialize
 from dvr_jax.nlp.collision_rows import number_of_rows
-from dvr_jax.nlp.constraints import Slopes, collect, lay_out
+from dvr_jax.nlp.constraints import Jacobians, collect, lay_out
 from dvr_jax.nlp.lagrangian import (
     EQUALITIES,
     WEIGHTS,
-    Packed,
+    FlatResiduals,
     cost,
     gauss_newton_system,
     pack,
@@ -29,24 +29,24 @@ from dvr_jax.nlp.lagrangian import (
     unpack,
 )
 from dvr_jax.nlp.problem import PARAMETERS, Problem, Variables
-from dvr_jax.nlp.slices import Measured, Reduced, Slices, measure, reduce_slices
+from dvr_jax.nlp.slices import NormalEquations, SliceGeometry, Slices, measure, reduce_slices
 from dvr_jax.nlp.tolerances import Violations, measure_violations
-from dvr_jax.runtime.batch_sizes import buckets
+from dvr_jax.runtime.batch_sizes import batch_sizes
 from dvr_jax.runtime.compilation import Program
 from dvr_jax.solver import augmented_lagrangian as augmented
-from dvr_jax.solver.augmented_lagrangian import DURING, RUNNING, Judged, Lane, Settings, trial_point
+from dvr_jax.solver.augmented_lagrangian import DURING, RUNNING, Settings, SolverState, TrialUpdate, trial_point
 from dvr_jax.solver.banded import BorderedSystem, solve_bordered
 
 
-class Seen(NamedTuple):
+class TrialEvaluation(NamedTuple):
     """What is known of a trial point between `judge` and `advance`."""
 
-    judged: Judged
-    slopes: Slopes
+    judged: TrialUpdate
+    slopes: Jacobians
     violations: Violations
 
 
-def start(problems: Problem, x: Variables, settings: Settings) -> Lane:
+def start(problems: Problem, x: Variables, settings: Settings) -> SolverState:
     """NumPy lanes of a batch of NLPs before their first iteration; systems are placeholders, replaced because the
     first trial point is accepted."""
     B, T, D = x.q.shape
@@ -57,7 +57,7 @@ def start(problems: Problem, x: Variables, settings: Settings) -> Lane:
         return np.zeros((B, *shape), dtype)
 
     infinity, count = np.full(B, np.inf, dtype), np.zeros(B, np.int32)
-    return Lane(
+    return SolverState(
         x=x,
         step=Variables(np.zeros_like(x.q), np.zeros_like(x.m)),
         multipliers=(
@@ -85,8 +85,8 @@ def start(problems: Problem, x: Variables, settings: Settings) -> Lane:
 
 def _chunk_size(L: int) -> int:
     """Size of the chunks that L slices are cut into: a multiple of the smallest, so that few are compiled."""
-    chunk = buckets().chunk
-    pieces = -(-L // buckets().largest_chunk)
+    chunk = batch_sizes().chunk
+    pieces = -(-L // batch_sizes().largest_chunk)
     return chunk * -(-L // (pieces * chunk))
 
 
@@ -123,8 +123,8 @@ to_device: Callable[[Any], Any] = Program(_identity)
 
 
 def judge(
-    problems: Problem, settings: Settings, lanes: Lane, chunks: tuple[Measured, ...]
-) -> tuple[Seen, tuple[tuple[Array, Array], ...]]:
+    problems: Problem, settings: Settings, lanes: SolverState, chunks: tuple[SliceGeometry, ...]
+) -> tuple[TrialEvaluation, tuple[tuple[Array, Array], ...]]:
     """Verdicts on all lanes' trial points, and forces and curvatures (L, P) of the distances of each chunk."""
     trial = trial_point(lanes)
     B, T = lanes.multipliers[0].shape[:2]
@@ -138,7 +138,7 @@ def judge(
     costs = jax.vmap(cost, in_axes=(0, 0, None))(problems, trial, WEIGHTS)
     relative = scales(WEIGHTS, trial.q.shape[1], trial.m.shape[1], trial.q.dtype)
 
-    def judge_lane(lane: Lane, cost: Array, c: Packed, ratio: Array) -> Judged:
+    def judge_lane(lane: SolverState, cost: Array, c: FlatResiduals, ratio: Array) -> TrialUpdate:
         return augmented.judge(settings, lane, cost, c, relative, EQUALITIES, ratio)
 
     judged = jax.vmap(judge_lane)(lanes, costs, c, violations.ratio())
@@ -146,21 +146,27 @@ def judge(
     for value in (judged.force[0], judged.curvature[0]):
         padded = jnp.pad(value.reshape(B * T, -1), [(0, -(B * T) % _chunk_size(B * T)), (0, 0)])
         pieces.append(jnp.split(padded, len(chunks)))
-    return Seen(judged, slopes, violations), tuple(zip(*pieces, strict=True))
+    return TrialEvaluation(judged, slopes, violations), tuple(zip(*pieces, strict=True))
 
 
 def advance(
-    problems: Problem, settings: Settings, lanes: Lane, seen: Seen, chunks: tuple[Reduced, ...]
-) -> tuple[Lane, tuple[Slices, ...]]:
+    problems: Problem,
+    settings: Settings,
+    lanes: SolverState,
+    seen: TrialEvaluation,
+    chunks: tuple[NormalEquations, ...],
+) -> tuple[SolverState, tuple[Slices, ...]]:
     """Lanes after one iteration, and the slices of their trial points."""
     B, T = lanes.multipliers[0].shape[:2]
     distances = jax.tree.map(lambda *leaves: _joined(leaves, B * T, 0).reshape(B, T, *leaves[0].shape[1:]), *chunks)
 
     sizes = lanes.x.q.shape[1], lanes.x.m.shape[1]
 
-    def advance_lane(problem: Problem, lane: Lane, seen: Seen, distances: Reduced) -> Lane:
+    def advance_lane(
+        problem: Problem, lane: SolverState, seen: TrialEvaluation, distances: NormalEquations
+    ) -> SolverState:
         judged = seen.judged
-        force, curvature = (unpack(Packed(*rows), *sizes) for rows in (judged.force, judged.curvature))
+        force, curvature = (unpack(FlatResiduals(*rows), *sizes) for rows in (judged.force, judged.curvature))
         drive = jnp.where(judged.restoration == DURING, 0.0, 1.0).astype(lane.x.q.dtype)
         system = gauss_newton_system(
             problem, trial_point(lane), distances, seen.slopes, force, curvature, WEIGHTS, drive
@@ -184,8 +190,8 @@ def _solve(system: BorderedSystem, damping: Array) -> Variables:
 
 @Program
 def step(
-    problems: Problem, settings: Settings, lanes: Lane, chunks: tuple[Measured, ...]
-) -> tuple[Lane, tuple[Slices, ...]]:
+    problems: Problem, settings: Settings, lanes: SolverState, chunks: tuple[SliceGeometry, ...]
+) -> tuple[SolverState, tuple[Slices, ...]]:
     """What follows the measuring of all chunks: the rest of an iteration in one program."""
     seen, pushes = materialize(judge(problems, settings, lanes, chunks))
     reduced = materialize(tuple(reduce_slices(chunk, *push) for chunk, push in zip(chunks, pushes, strict=True)))
@@ -193,8 +199,8 @@ def step(
 
 
 def iterate(
-    problems: Problem, settings: Settings, lanes: Lane, chunks: tuple[Slices, ...]
-) -> tuple[Lane, tuple[Slices, ...]]:
+    problems: Problem, settings: Settings, lanes: SolverState, chunks: tuple[Slices, ...]
+) -> tuple[SolverState, tuple[Slices, ...]]:
     """One iteration of a batch: compiled programs, called one after the other.
 
     Args:

@@ -19,7 +19,7 @@ from dvr_jax.dataset import Examples, Label, count_targets, load_examples, read_
 from dvr_jax.dataset import write_shard as write
 from dvr_jax.dataset.manifest import count_infeasible_sequences
 from dvr_jax.dataset.shards import list_shards
-from dvr_jax.dataset.symbols import scene_symbols
+from dvr_jax.dataset.symbols import sequence_index
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import Grounding, enumerate_sequences, ground_actions
 from dvr_jax.model.predictor import Predictor
@@ -90,7 +90,7 @@ def test_all_reach_the_goal(examples: Examples) -> None:
 def test_each_prefix_contributes(examples: Examples, labels: dict[Scene, list[Label]]) -> None:
     """Three continuations of each prefix, or all that there are; here no prefix lies under another."""
     for number, scene in enumerate(examples.scenes):
-        grounding, symbols = ground(scene), scene_symbols(scene)
+        grounding, symbols = ground(scene), sequence_index(scene)
         found = [names(grounding, sequence) for sequence in sequences_of(examples, number)]
         for label in labels[scene]:
             if label.refuted_prefix:

@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dvr_jax.dataset.symbols import Symbols
+from dvr_jax.dataset.symbols import SequenceIndex
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import count_sequences, enumerate_sequences, ground_actions
 
-SYMBOLS = Symbols(ground_actions(("yellow", "blue"), "blue"))
+SYMBOLS = SequenceIndex(ground_actions(("yellow", "blue"), "blue"))
 UP_TO_4 = [sequence for length in range(1, 5) for sequence in enumerate_sequences(SYMBOLS.grounding, length)]
 
 
@@ -24,7 +24,7 @@ def test_numbers_are_the_enumeration() -> None:
 
 @pytest.mark.parametrize("objects", [1, 3, 5])
 def test_counts_are_those_of_table_one(objects: int) -> None:
-    symbols = Symbols(ground_actions([f"object {i}" for i in range(objects)], "object 0"))
+    symbols = SequenceIndex(ground_actions([f"object {i}" for i in range(objects)], "object 0"))
     start = symbols.grounding.initial_state
     assert {length: symbols.count(start, length) for length in range(1, 7)} == count_sequences(symbols.grounding, 6)
 

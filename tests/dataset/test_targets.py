@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dvr_jax.dataset import targets
-from dvr_jax.dataset.symbols import scene_symbols
+from dvr_jax.dataset.symbols import sequence_index
 from dvr_jax.dataset.targets import Verdicts
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import enumerate_sequences
@@ -47,7 +47,7 @@ def test_one_verdict_for_each_sequence() -> None:
         targets([(1,), (2,)], [True])
 
 
-SYMBOLS = scene_symbols(next(sample_scenes(1, 2, 0)))
+SYMBOLS = sequence_index(next(sample_scenes(1, 2, 0)))
 REACHING = [s for length in (2, 3, 4) for s in enumerate_sequences(SYMBOLS.grounding, length)]
 
 

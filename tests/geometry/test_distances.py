@@ -69,7 +69,7 @@ def test_prism_plane(kind: str) -> None:
 def axis_outside(kind: str) -> tuple[Bodies, Bodies, Floats]:
     """Capsules and prisms, the capsule's axis outside the prism, with their distance by MuJoCo."""
     capsules, prisms = sample_bodies("capsule", PAIRS, 5, spread=0.15), sample_bodies(kind, PAIRS, 6, spread=0.05)
-    # Judged by the axis itself, because MuJoCo may err in deep contact.
+    # TrialUpdate by the axis itself, because MuJoCo may err in deep contact.
     outside = deepest_of_axis(capsules, prisms, samples=101) > 1e-6
     capsules, prisms = capsules[outside], prisms[outside]
     reference, _ = mujoco_distances(capsules, prisms)

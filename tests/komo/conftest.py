@@ -1,4 +1,4 @@
-"""The NLP's rows and Jacobians, compiled once for keyframes and once for a path, shared by all tests here."""
+"""The NLP's rows and AllJacobians, compiled once for keyframes and once for a path, shared by all tests here."""
 
 from functools import cached_property
 from typing import NamedTuple
@@ -10,12 +10,12 @@ import pytest
 from komo_cases import Case, Floats, make_case
 
 from dvr_jax.nlp.collision_rows import arm_signs
-from dvr_jax.nlp.constraints import Rows, Slopes, collect, lay_out
+from dvr_jax.nlp.constraints import ConstraintValues, Jacobians, collect, lay_out
 from dvr_jax.nlp.problem import Problem, Variables
-from dvr_jax.nlp.slices import Measured, distance_jacobian, measure
+from dvr_jax.nlp.slices import SliceGeometry, distance_jacobian, measure
 
 
-class Jacobians(NamedTuple):
+class AllJacobians(NamedTuple):
     """Derivatives of all rows; those of distances by their own slice's columns."""
 
     arm_q: Floats
@@ -26,10 +26,10 @@ class Jacobians(NamedTuple):
     """(B, T', 4 N, Po)."""
     arm_m: Floats
     """(B, T', 4 N, Pa)."""
-    slopes: Slopes
+    slopes: Jacobians
 
 
-def evaluate(problems: Problem, x: Variables) -> tuple[Rows, Jacobians, Measured]:
+def evaluate(problems: Problem, x: Variables) -> tuple[ConstraintValues, AllJacobians, SliceGeometry]:
     B = len(x.q)
     measured = measure(lay_out(problems, x))
     rows, slopes = collect(problems, x, measured.distance, measured.hand_R, measured.hand_p, measured.screws)
@@ -38,7 +38,7 @@ def evaluate(problems: Problem, x: Variables) -> tuple[Rows, Jacobians, Measured
     arm = arm_signs().shape[1]
     return (
         rows,
-        Jacobians(J[:, :, :14, :arm], J[:, :, :14, arm:], J[:, :, 14:, arm:], J[:, :, 14:, :arm], slopes),
+        AllJacobians(J[:, :, :14, :arm], J[:, :, :14, arm:], J[:, :, 14:, arm:], J[:, :, 14:, :arm], slopes),
         measured,
     )
 
@@ -47,28 +47,28 @@ COMPILED = jax.jit(evaluate)
 
 
 class Evaluated:
-    """A case with its rows and Jacobians at its own points and at others of the same shape."""
+    """A case with its rows and AllJacobians at its own points and at others of the same shape."""
 
     def __init__(self, case: Case) -> None:
         self.case = case
 
     @cached_property
-    def results(self) -> tuple[Rows, Jacobians, Measured]:
+    def results(self) -> tuple[ConstraintValues, AllJacobians, SliceGeometry]:
         return self.of(self.case.problems, self.case.x)
 
     @property
-    def rows(self) -> Rows:
+    def rows(self) -> ConstraintValues:
         return self.results[0]
 
     @property
-    def jacobians(self) -> Jacobians:
+    def jacobians(self) -> AllJacobians:
         return self.results[1]
 
-    def of(self, problems: Problem, x: Variables) -> tuple[Rows, Jacobians, Measured]:
+    def of(self, problems: Problem, x: Variables) -> tuple[ConstraintValues, AllJacobians, SliceGeometry]:
         return jax.tree.map(np.asarray, COMPILED(problems, x))
 
-    def moved(self, kind: str, index: tuple[object, ...], amount: float) -> Rows:
-        """Rows after a change of some joint angles ("q") or mode parameters ("m")."""
+    def moved(self, kind: str, index: tuple[object, ...], amount: float) -> ConstraintValues:
+        """ConstraintValues after a change of some joint angles ("q") or mode parameters ("m")."""
         return self.of(self.case.problems, move(self.case.x, kind, index, amount))[0]
 
 

@@ -12,10 +12,10 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-Rows = tuple[Any, ...]
+ConstraintValues = tuple[Any, ...]
 
 
-def _none(*_x: Any) -> Rows:
+def _none(*_x: Any) -> ConstraintValues:
     return ()
 
 
@@ -26,18 +26,18 @@ class Example:
 
     number: int
     start: tuple[float, ...]
-    residuals: Callable[..., Rows]
+    residuals: Callable[..., ConstraintValues]
     optimum: float
     """Published least objective."""
     scale: float = 1.0
     constant: float = 0.0
-    equalities: Callable[..., Rows] = _none
-    inequalities: Callable[..., Rows] = _none
+    equalities: Callable[..., ConstraintValues] = _none
+    inequalities: Callable[..., ConstraintValues] = _none
     lower: tuple[float, ...] = ()
     """Bounds of each variable; empty where none has any."""
     upper: tuple[float, ...] = ()
 
-    def rows(self, *x: Any) -> Rows:
+    def rows(self, *x: Any) -> ConstraintValues:
         """Inequalities, then finite bounds, each at most 0."""
         below = [bound - value for value, bound in zip(x, self.lower, strict=False) if bound > -inf]
         above = [value - bound for value, bound in zip(x, self.upper, strict=False) if bound < inf]
@@ -52,7 +52,7 @@ def _exp(a: Any) -> Any:
     return (np if isinstance(a, float) else jnp).exp(a)
 
 
-def _rosenbrock(x1: Any, x2: Any) -> Rows:
+def _rosenbrock(x1: Any, x2: Any) -> ConstraintValues:
     return 10 * (x2 - x1**2), 1 - x1
 
 

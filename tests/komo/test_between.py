@@ -17,7 +17,7 @@ from dvr_jax.nlp.tolerances import REST_TOLERANCE
 from dvr_jax.nlp.transcription import transcribe
 from dvr_jax.planning import path_motion as interpolation
 from dvr_jax.planning.path_motion import interpolate
-from dvr_jax.runtime import batch_sizes as buckets
+from dvr_jax.runtime import batch_sizes as batch_sizes
 from dvr_jax.scene.mjcf import build_model
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.node import Node
@@ -30,13 +30,13 @@ from dvr_jax.solver.continuous_collision import (
     BETWEEN_TOLERANCE,
     PATH_SAMPLES,
     SAMPLES_PER_SLICE,
-    Looks,
+    PenetrationSamples,
     even_shares,
+    exchange_samples,
     joint_curve,
-    look_between,
-    move_samples,
+    sample_penetration,
 )
-from dvr_jax.solver.engine import Solved, solve
+from dvr_jax.solver.engine import NlpSolution, solve
 
 HANDOVERS = (133, 235)
 """Of the frozen problems, two of two actions whose first path penetrates between its samples."""
@@ -50,26 +50,26 @@ def handover(request: pytest.FixtureRequest) -> tuple[Scene, SequenceTree, Node]
 
 
 @pytest.fixture
-def looks(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Looks]]:
+def looks(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[PenetrationSamples]]:
     """What a solver sees between slices, each time that it looks."""
-    seen: list[Looks] = []
+    seen: list[PenetrationSamples] = []
 
     def look(*arguments):
-        found = look_between(*arguments)
+        found = sample_penetration(*arguments)
         seen.append(found)
         return found
 
-    monkeypatch.setattr(engine, "look_between", look)
+    monkeypatch.setattr(engine, "sample_penetration", look)
     yield seen
 
 
-def replay(scene: Scene, node: Node, path: Solved) -> CheckReport:
+def replay(scene: Scene, node: Node, path: NlpSolution) -> CheckReport:
     assert node.problem is not None
     return check_motion(scene, node.actions, interpolate(scene, node.problem, path.q, path.m))
 
 
 def test_a_path_that_penetrates_between_its_samples_is_not_feasible(
-    handover: tuple[Scene, SequenceTree, Node], looks: list[Looks], monkeypatch: pytest.MonkeyPatch
+    handover: tuple[Scene, SequenceTree, Node], looks: list[PenetrationSamples], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(engine, "EXCHANGES", 0)
     scene, tree, node = handover
@@ -78,7 +78,7 @@ def test_a_path_that_penetrates_between_its_samples_is_not_feasible(
     assert depth.max() > DEEPEST_CONTACT
     assert not path.feasible and path.status == ITERATION_LIMIT and path.ratio > 1
     assert node.problem is not None
-    # Looks lie at twentieths of an interval.
+    # PenetrationSamples lie at twentieths of an interval.
     monkeypatch.setattr(interpolation, "SAMPLES_PER_SLICE", 2 * SAMPLES_PER_SLICE)
     states = interpolate(scene, node.problem, path.q, path.m).qpos
     model = build_model(scene)
@@ -94,7 +94,7 @@ def test_a_path_that_penetrates_between_its_samples_is_not_feasible(
 
 
 def test_exchanged_samples_end_in_a_motion_without_penetration(
-    handover: tuple[Scene, SequenceTree, Node], looks: list[Looks]
+    handover: tuple[Scene, SequenceTree, Node], looks: list[PenetrationSamples]
 ) -> None:
     scene, tree, node = handover
     path = run_alone(tree.solver.solve_path(node))
@@ -103,7 +103,9 @@ def test_exchanged_samples_end_in_a_motion_without_penetration(
     assert replay(scene, node, path).deepest_penetration <= BETWEEN_TOLERANCE
 
 
-def test_paths_side_by_side_are_those_one_by_one(looks: list[Looks], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_paths_side_by_side_are_those_one_by_one(
+    looks: list[PenetrationSamples], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """More paths than lanes; some penetrate between their samples at first, and no lane is looked at without need."""
     monkeypatch.setenv("DVR_JAX_CACHE", "off")  # programs are kept by their shapes
     tasks = []
@@ -111,13 +113,13 @@ def test_paths_side_by_side_are_those_one_by_one(looks: list[Looks], monkeypatch
     paths_of_two = [i for i, (*_, row) in enumerate(rows) if (row["kind"], row["length"]) == ("path", 2)]
     for scene, actions, _ in (rows[number] for number in (*HANDOVERS, *paths_of_two[:5])):
         node = run_alone(judge_prefix(SequenceTree(scene, k_max=6), actions))
-        start = path_start(node.problem, keyframe_start(node.particles, 0, 2))  # type: ignore[arg-type]
+        start = path_start(node.problem, keyframe_start(node.beam, 0, 2))  # type: ignore[arg-type]
         tasks.append((path_problem(node.problem, start), start))  # type: ignore[arg-type]
     problems, starts = zip(*tasks, strict=True)
     alone = [result for problem, start in tasks for result in solve([problem], [start], Settings())]
     needed = len(looks)
     assert needed > len(tasks)
-    monkeypatch.setattr(buckets, "CPU", replace(buckets.CPU, path_lanes=3))
+    monkeypatch.setattr(batch_sizes, "CPU", replace(batch_sizes.CPU, path_lanes=3))
     together = solve(problems, starts, Settings())
     assert len(looks) - needed <= needed
     for ours, theirs in zip(together, alone, strict=True):
@@ -126,11 +128,11 @@ def test_paths_side_by_side_are_those_one_by_one(looks: list[Looks], monkeypatch
 
 
 def test_of_a_path_with_samples_at_its_slices_nothing_else_is_looked_at(
-    handover: tuple[Scene, SequenceTree, Node], looks: list[Looks]
+    handover: tuple[Scene, SequenceTree, Node], looks: list[PenetrationSamples]
 ) -> None:
     scene, _, node = handover
-    assert node.problem is not None and node.particles is not None
-    start = path_start(node.problem, keyframe_start(node.particles, 0, node.depth))
+    assert node.problem is not None and node.beam is not None
+    start = path_start(node.problem, keyframe_start(node.beam, 0, node.depth))
     (path,) = solve([path_problem(node.problem, start, samples=1)], [start], Settings())
     assert path.feasible and not looks
     assert replay(scene, node, path).deepest_penetration > DEEPEST_CONTACT
@@ -156,8 +158,8 @@ def test_samples_of_a_start_lie_on_the_line_where_it_rests(handover: tuple[Scene
     """In the interval before a switch, in which solutions rest too: a sample beside the resting motion would ask for
     a clearance that a placed object cannot have."""
     _, _, node = handover
-    assert node.problem is not None and node.particles is not None
-    start = path_start(node.problem, keyframe_start(node.particles, 0, node.depth))
+    assert node.problem is not None and node.beam is not None
+    start = path_start(node.problem, keyframe_start(node.beam, 0, node.depth))
     path = path_problem(node.problem, start)
     for last in range(STEPS_PER_PHASE - 1, len(start.q), STEPS_PER_PHASE):
         np.testing.assert_array_equal(start.q[last], start.q[last - 1])
@@ -178,7 +180,7 @@ def test_samples_move_to_the_deepest_place_of_their_part_and_lie_on_the_motion(
     depth[3, 5] = BETWEEN_TOLERANCE + 0.001
     depth[4, [2, 7]] = BETWEEN_TOLERANCE + 0.001, BETWEEN_TOLERANCE + 0.002
     depth[5, 6] = BETWEEN_TOLERANCE - 0.001
-    moved = move_samples(problem, q, share, depth)
+    moved = exchange_samples(problem, q, share, depth)
     expected = even_shares(T)
     expected[3] = 0.4, 0.8, 1
     expected[4, 0] = 0.35

@@ -13,14 +13,14 @@ from dvr_jax.bench.recall import random_keyframes
 from dvr_jax.errors import DvrError
 from dvr_jax.nlp.problem import Problem, Variables
 from dvr_jax.nlp.transcription import transcribe
-from dvr_jax.runtime import batch_sizes as buckets
+from dvr_jax.runtime import batch_sizes as batch_sizes
 from dvr_jax.runtime.batch_sizes import CPU
 from dvr_jax.search.work import Extend, Steps, run_alone, run_together
-from dvr_jax.seeds.keyframe_beam import PARTICLES, Particles, empty_prefix
+from dvr_jax.seeds.keyframe_beam import BEAM_WIDTH, KeyframeBeam, empty_prefix
 from dvr_jax.solver import engine
 from dvr_jax.solver import iteration as solver
 from dvr_jax.solver.augmented_lagrangian import FEASIBLE, ITERATION_LIMIT, STAGNATED, Settings
-from dvr_jax.solver.engine import extend_prefixes, extension_lanes, solve
+from dvr_jax.solver.engine import beam_lanes, extend_beams, solve
 
 
 def test_solutions_do_not_depend_on_the_batch() -> None:
@@ -50,15 +50,15 @@ def test_larger_buckets_change_nothing_but_the_last_digits(monkeypatch: pytest.M
     root, grasps = empty_prefix(3, 4), [transcribe(SCENE, skeleton[:1]) for skeleton in SKELETONS] * 3
     settings = Settings(iteration_limit=20)
     small = solve(problems, starts, settings)
-    few = extend_prefixes([root] * 9, grasps, 5, extension_lanes(grasps))
-    monkeypatch.setattr(buckets, "CPU", replace(CPU, chunk=240, largest_chunk=480, extension_lanes=16, few=0))
+    few = extend_beams([root] * 9, grasps, 5, beam_lanes(grasps))
+    monkeypatch.setattr(batch_sizes, "CPU", replace(CPU, chunk=240, largest_chunk=480, beam_lanes=16, few=0))
     for ours, theirs in zip(solve(problems, starts, settings), small, strict=True):
         assert (ours.iterations, ours.status) == (theirs.iterations, theirs.status)
         np.testing.assert_allclose(ours.q, theirs.q, atol=1e-6)
         np.testing.assert_allclose(ours.m, theirs.m, atol=1e-6)
     assert len({result.iterations for result in small}) > 2
-    assert extension_lanes(grasps) == [16] * len(grasps)
-    for ours, theirs in zip(extend_prefixes([root] * 9, grasps, 5, [16] * 9), few, strict=True):
+    assert beam_lanes(grasps) == [16] * len(grasps)
+    for ours, theirs in zip(extend_beams([root] * 9, grasps, 5, [16] * 9), few, strict=True):
         np.testing.assert_allclose(ours.violation, theirs.violation, atol=1e-5)
         np.testing.assert_allclose(ours.q, theirs.q, atol=1e-4)
 
@@ -96,17 +96,17 @@ def test_feasible_means_that_the_returned_point_is_within_the_tolerances() -> No
         np.testing.assert_allclose(values, [result.violations[name] for result in results], rtol=1e-9, atol=1e-12)
 
 
-@pytest.mark.parametrize("lanes", [1, CPU.extension_lanes])
+@pytest.mark.parametrize("lanes", [1, CPU.beam_lanes])
 def test_particles_do_not_depend_on_the_batch(lanes: int) -> None:
     grasps = [transcribe(SCENE, skeleton[:1]) for skeleton in SKELETONS]
     root = empty_prefix(3, 4)
-    together = extend_prefixes([root] * 9, grasps * 3, 5, [lanes] * 9)
+    together = extend_beams([root] * 9, grasps * 3, 5, [lanes] * 9)
     for index in (0, 8):
-        (alone,) = extend_prefixes([root], [grasps[index % 3]], 5, [lanes])
+        (alone,) = extend_beams([root], [grasps[index % 3]], 5, [lanes])
         for ours, theirs in zip(together[index], alone, strict=True):
             np.testing.assert_array_equal(ours, theirs)
-    assert together[0].violation.shape == (PARTICLES,)
-    (other,) = extend_prefixes([root], [grasps[0]], 6, [lanes])
+    assert together[0].violation.shape == (BEAM_WIDTH,)
+    (other,) = extend_beams([root], [grasps[0]], 6, [lanes])
     assert (other.q != together[0].q).any()
 
 
@@ -115,11 +115,11 @@ def test_who_asks_decides_how_many_share_a_call() -> None:
     few = [transcribe(SCENE, skeleton[:1]) for skeleton in SKELETONS]
     many = few * 2
     assert len(few) == CPU.few
-    assert extension_lanes(few) == [1] * CPU.few
-    assert extension_lanes(many) == [CPU.extension_lanes] * len(many)
+    assert beam_lanes(few) == [1] * CPU.few
+    assert beam_lanes(many) == [CPU.beam_lanes] * len(many)
     root = empty_prefix(3, 4)
 
-    def ask(problems: list[Problem]) -> Steps[list[Particles]]:
+    def ask(problems: list[Problem]) -> Steps[list[KeyframeBeam]]:
         return (yield Extend([root] * len(problems), problems, 5))
 
     alone = [run_alone(ask(problems)) for problems in (few, many)]

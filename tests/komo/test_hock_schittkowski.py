@@ -11,7 +11,16 @@ from hock_schittkowski import EXAMPLES, Example
 from jax import Array
 
 from dvr_jax.solver import augmented_lagrangian as augmented
-from dvr_jax.solver.augmented_lagrangian import AFTER, BEFORE, DURING, FEASIBLE, RUNNING, Lane, Settings, trial_point
+from dvr_jax.solver.augmented_lagrangian import (
+    AFTER,
+    BEFORE,
+    DURING,
+    FEASIBLE,
+    RUNNING,
+    Settings,
+    SolverState,
+    trial_point,
+)
 
 TOLERANCE = 1e-7
 """Violation that the method may leave."""
@@ -62,11 +71,11 @@ def _solve(system: System, damping: Array) -> Array:
     return -jax.scipy.linalg.cho_solve((factor, True), system.gradient)
 
 
-def _start(example: Example, settings: Settings) -> Lane:
+def _start(example: Example, settings: Settings) -> SolverState:
     x = np.array(example.start)
     infinity, count = np.array(np.inf), np.array(0, np.int32)
     # The first trial point is the start, reached by a step of 1: after a step of 0 a feasible start would end the lane.
-    return Lane(
+    return SolverState(
         x=x - 1,
         step=np.ones_like(x),
         multipliers=(np.zeros(len(example.equalities(*x))), np.zeros(len(example.rows(*x)))),
@@ -85,7 +94,7 @@ def _start(example: Example, settings: Settings) -> Lane:
     )
 
 
-def _iterate(example: Example, settings: Settings, lane: Lane) -> Lane:
+def _iterate(example: Example, settings: Settings, lane: SolverState) -> SolverState:
     def twice(x: Array) -> tuple[Any, Any]:
         values = _functions(example, x)
         return values, values
@@ -103,11 +112,11 @@ def _iterate(example: Example, settings: Settings, lane: Lane) -> Lane:
 
 # Each program runs for milliseconds: optimizing it takes longer than it saves.
 @partial(jax.jit, static_argnums=0, compiler_options={"xla_backend_optimization_level": 0})
-def _run(example: Example, settings: Settings, lane: Lane) -> Lane:
+def _run(example: Example, settings: Settings, lane: SolverState) -> SolverState:
     return jax.lax.while_loop(lambda lane: lane.status == RUNNING, partial(_iterate, example, settings), lane)
 
 
-def _solved(number: int, settings: Settings) -> tuple[Lane, float]:
+def _solved(number: int, settings: Settings) -> tuple[SolverState, float]:
     """Solve a problem from its published start: the lane and its objective; the end must be feasible."""
     example = EXAMPLES[number]
     lane = _run(example, settings, _start(example, settings))

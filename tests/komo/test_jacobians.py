@@ -5,7 +5,7 @@ import pytest
 from komo_cases import Floats
 from komo_replay import Replay, build_replay_model, object_pairs
 
-from dvr_jax.nlp.constraints import Rows
+from dvr_jax.nlp.constraints import ConstraintValues
 from dvr_jax.nlp.problem import PARAMETERS
 
 STEP = 1e-5
@@ -33,35 +33,37 @@ class Compared:
         assert not wrong.any(), f"{wrong.sum()} of {wrong.size} entries, first at {np.argwhere(wrong)[:5].tolist()}"
 
 
-def differences(evaluated, kind: str, index: tuple[object, ...]) -> tuple[Rows, Rows]:
+def differences(evaluated, kind: str, index: tuple[object, ...]) -> tuple[ConstraintValues, ConstraintValues]:
     """Difference quotients of all rows with the whole and with half the step."""
     quotients = []
     for step in (STEP, STEP / 2):
         ahead, behind = (evaluated.moved(kind, index, sign * step) for sign in (1, -1))
-        quotients.append(Rows(*((a - b) / (2 * step) for a, b in zip(ahead, behind, strict=True))))
+        quotients.append(ConstraintValues(*((a - b) / (2 * step) for a, b in zip(ahead, behind, strict=True))))
     return quotients[0], quotients[1]
 
 
 @pytest.fixture(scope="module")
-def numeric() -> dict[tuple[int, str], tuple[Rows, Rows]]:
+def numeric() -> dict[tuple[int, str], tuple[ConstraintValues, ConstraintValues]]:
     return {}
 
 
-def stacked(columns: list[tuple[Rows, Rows]], *axes: int) -> tuple[Rows, Rows]:
+def stacked(
+    columns: list[tuple[ConstraintValues, ConstraintValues]], *axes: int
+) -> tuple[ConstraintValues, ConstraintValues]:
     """Quotients of all columns, the columns' axes first."""
     whole, half = (
-        Rows(*(np.stack(rows).reshape(*axes, *rows[0].shape) for rows in zip(*side, strict=True)))
+        ConstraintValues(*(np.stack(rows).reshape(*axes, *rows[0].shape) for rows in zip(*side, strict=True)))
         for side in zip(*columns, strict=True)
     )
     return whole, half
 
 
-def all_joints(evaluated) -> tuple[Rows, Rows]:
+def all_joints(evaluated) -> tuple[ConstraintValues, ConstraintValues]:
     """Derivatives by each joint, joint axis first; moved in all slices at once, as rows of a slice know its own."""
     return stacked([differences(evaluated, "q", (slice(None), slice(None), j)) for j in range(14)], 14)
 
 
-def all_parameters(evaluated) -> tuple[Rows, Rows]:
+def all_parameters(evaluated) -> tuple[ConstraintValues, ConstraintValues]:
     """Derivatives by each mode parameter; axes (action, parameter) first."""
     K = evaluated.case.x.m.shape[1]
     indices = [(slice(None), k, c) for k in range(K) for c in range(PARAMETERS)]
@@ -69,7 +71,7 @@ def all_parameters(evaluated) -> tuple[Rows, Rows]:
 
 
 @pytest.fixture
-def by_joint(evaluated, numeric) -> tuple[Rows, Rows]:
+def by_joint(evaluated, numeric) -> tuple[ConstraintValues, ConstraintValues]:
     key = (evaluated.case.steps, "q")
     if key not in numeric:
         numeric[key] = all_joints(evaluated)
@@ -77,7 +79,7 @@ def by_joint(evaluated, numeric) -> tuple[Rows, Rows]:
 
 
 @pytest.fixture
-def by_parameter(evaluated, numeric) -> tuple[Rows, Rows]:
+def by_parameter(evaluated, numeric) -> tuple[ConstraintValues, ConstraintValues]:
     key = (evaluated.case.steps, "m")
     if key not in numeric:
         numeric[key] = all_parameters(evaluated)
@@ -85,7 +87,7 @@ def by_parameter(evaluated, numeric) -> tuple[Rows, Rows]:
 
 
 def groups(evaluated) -> dict[str, slice]:
-    """Rows by what they are about, in the order that `dvr_jax.nlp.collision_rows` documents."""
+    """ConstraintValues by what they are about, in the order that `dvr_jax.nlp.collision_rows` documents."""
     arm, N = evaluated.jacobians.arm_q.shape[-1], evaluated.case.problems.half.shape[1]
     table = arm + N * CAPSULES
     return {
@@ -96,7 +98,7 @@ def groups(evaluated) -> dict[str, slice]:
     }
 
 
-def compare_joints(evaluated, by_joint: tuple[Rows, Rows], group: str) -> Compared:
+def compare_joints(evaluated, by_joint: tuple[ConstraintValues, ConstraintValues], group: str) -> Compared:
     J = evaluated.jacobians
     analytic = np.moveaxis(np.concatenate([J.arm_q, J.object_q], axis=-1), 2, 0)
     # By the joints at the sample; those before the first slice lie between it and the home posture, which was not
@@ -122,7 +124,7 @@ def distance_by_parameter(evaluated) -> Floats:
     return total
 
 
-def compare_parameters(evaluated, by_parameter: tuple[Rows, Rows], group: str) -> Compared:
+def compare_parameters(evaluated, by_parameter: tuple[ConstraintValues, ConstraintValues], group: str) -> Compared:
     part = groups(evaluated)[group]
     return Compared(distance_by_parameter(evaluated)[..., part], *(side.distance[..., part] for side in by_parameter))
 

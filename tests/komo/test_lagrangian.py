@@ -9,7 +9,7 @@ from komo_cases import Floats, written_out
 
 from dvr_jax.nlp.lagrangian import (
     EQUALITIES,
-    Packed,
+    FlatResiduals,
     Weights,
     accelerations,
     cost,
@@ -31,7 +31,7 @@ WEIGHTS = Weights(acceleration=0.7, distance=1.1, position=0.9, rotation=0.2, li
 STEP = 1e-5
 CONSTRAINTS = jax.jit(lambda problem, x, rows: pack(residuals(problem, x, rows)))
 OBJECT_PAIRS = slice(-3, None)
-"""Rows of objects against objects: wrenches are inexact past corners (tests/geometry), so these stay inactive here."""
+"""ConstraintValues of objects against objects: wrenches are inexact past corners (tests/geometry), so these stay inactive here."""
 
 
 class Lagrangian:
@@ -43,7 +43,7 @@ class Lagrangian:
         self.x: Variables = jax.tree.map(lambda leaf: leaf[b], evaluated.case.x)
         self.S = evaluated.case.steps
         self.T, self.K = self.x.q.shape[0], self.x.m.shape[0]
-        self.p = Packed(*(PENALTY * scale for scale in scales(WEIGHTS, self.T, self.K, np.dtype(float))))
+        self.p = FlatResiduals(*(PENALTY * scale for scale in scales(WEIGHTS, self.T, self.K, np.dtype(float))))
         self.c = self.constraints(self.x)
         generator = np.random.default_rng(b)
         multipliers = []
@@ -54,15 +54,15 @@ class Lagrangian:
             wanted = np.maximum(-penalty * value, 0) + np.abs(random)
             # Bounds that stand for none are 1e3 away: a force from there would drown all others in rounding.
             multipliers.append(random if equality else np.where((random > 0) & (value > -10), wanted, 0))
-        self.multipliers = Packed(*multipliers)
+        self.multipliers = FlatResiduals(*multipliers)
         self.multipliers.distance[:, OBJECT_PAIRS] = 0
 
-    def constraints(self, x: Variables) -> Packed:
+    def constraints(self, x: Variables) -> FlatResiduals:
         rows = self.rows([x])[0]
         return jax.tree.map(np.asarray, CONSTRAINTS(self.problem, x, rows))
 
     def rows(self, points: list[Variables]) -> list[object]:
-        """Rows of this problem at points, as many at a time as the compiled batch holds."""
+        """ConstraintValues of this problem at points, as many at a time as the compiled batch holds."""
         B = self.evaluated.case.batch
         problems = jax.tree.map(lambda leaf: np.stack([leaf] * B), self.problem)
         results = []
@@ -91,9 +91,9 @@ class Lagrangian:
         half = (values[:, 2] - values[:, 3]) / STEP
         return (4 * half - whole) / 3
 
-    def active(self) -> Packed:
-        """Rows that count: equalities, and inequalities with z + p g > 0."""
-        return Packed(
+    def active(self) -> FlatResiduals:
+        """ConstraintValues that count: equalities, and inequalities with z + p g > 0."""
+        return FlatResiduals(
             *(
                 np.ones_like(value, dtype=bool) if equality else z + penalty * value > 0
                 for value, z, penalty, equality in zip(self.c, self.multipliers, self.p, EQUALITIES, strict=True)
@@ -127,7 +127,7 @@ class Lagrangian:
             target[own] = value
         reduced = jax.tree.map(lambda leaf: leaf[own], jax.jit(reduce_slices)(measured, *pushes))
         build = jax.jit(partial(gauss_newton_system, weights=WEIGHTS))
-        force, curvature = (unpack(Packed(*rows), self.T, self.K) for rows in (force, curvature))
+        force, curvature = (unpack(FlatResiduals(*rows), self.T, self.K) for rows in (force, curvature))
         return build(self.problem, self.x, reduced, slopes, force, curvature)
 
     @property

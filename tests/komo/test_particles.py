@@ -7,9 +7,9 @@ from komo_cases import violations_of
 from dvr_jax.bench.recall import PROBLEMS, read_problems
 from dvr_jax.nlp.problem import Variables
 from dvr_jax.nlp.transcription import transcribe
-from dvr_jax.search.node_solver import WITNESS
+from dvr_jax.search.node_solver import CERTIFIED_PENETRATION
 from dvr_jax.seeds.keyframe_beam import case_of, empty_prefix
-from dvr_jax.solver.engine import extend_prefixes, stack
+from dvr_jax.solver.engine import extend_beams, stack
 
 
 @pytest.mark.parametrize("length", [2, 4])
@@ -23,12 +23,12 @@ def test_witnesses_are_feasible_keyframes(length: int) -> None:
         particles = empty_prefix(len(scene.objects), length)
         for number in range(1, length + 1):
             problem = transcribe(scene, actions[:number])
-            particles = extend_prefixes([particles], [problem], 3, [1])[0]
+            particles = extend_beams([particles], [problem], 3, [1])[0]
             item = problem.switched_object[number - 1]
             cases.add(case_of(int(problem.attachment[number - 1, item]), actions[number - 1].operator == "grasp"))
         x = Variables(particles.q.astype(float), particles.m.astype(float))
         violations = violations_of(stack([problem] * len(x.q)), x)
-        witness = particles.violation <= WITNESS
+        witness = particles.violation <= CERTIFIED_PENETRATION
         assert (np.asarray(violations.ratio())[witness] <= 1).all(), actions
         proved += int(witness.sum())
     assert proved > 50 and cases == {"grasp", "handover", "place"}

@@ -14,8 +14,8 @@ from dvr_jax.nlp.collision_distances import FAR, NEAR
 from dvr_jax.nlp.collision_rows import arm_signs
 from dvr_jax.nlp.constraints import lay_out
 from dvr_jax.nlp.slices import PUSHING_ROWS, Slices, distance_jacobian, measure, reduce_slices
-from dvr_jax.runtime import batch_sizes as buckets
-from dvr_jax.runtime.batch_sizes import ACCELERATOR, CPU, Buckets
+from dvr_jax.runtime import batch_sizes as batch_sizes
+from dvr_jax.runtime.batch_sizes import ACCELERATOR, CPU, BatchSizes
 from dvr_jax.solver.iteration import cut_into_chunks
 from dvr_jax.workcell.kinematics import load_arm
 
@@ -35,11 +35,11 @@ def test_chunks_hold_all_slices_in_their_order(number: int) -> None:
 
 def compiled(function: Any) -> Any:
     """For the sizes of passes that a test has set: `jax.jit` of the same function would share its traces."""
-    return compiled_for(function, buckets.CPU)
+    return compiled_for(function, batch_sizes.CPU)
 
 
 @cache
-def compiled_for(function: Any, sizes: Buckets) -> Any:
+def compiled_for(function: Any, sizes: BatchSizes) -> Any:
     return jax.jit(partial(function))
 
 
@@ -67,7 +67,7 @@ def near_and_exact(measured: Any) -> tuple[np.ndarray, np.ndarray]:
 def test_near_capsules_have_their_distance_and_far_ones_a_bound(
     near_pairs: int, crowded: Slices, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(buckets, "CPU", replace(CPU, near_pairs=near_pairs))
+    monkeypatch.setattr(batch_sizes, "CPU", replace(CPU, near_pairs=near_pairs))
     ours, exact = near_and_exact(compiled(measure)(crowded))
     counts = ours != FAR
     near = counts & (ours < NEAR)
@@ -101,7 +101,7 @@ def pushes(measured: Any, number: int, most: int) -> tuple[np.ndarray, np.ndarra
 @pytest.mark.parametrize("number", [0, 1, PUSHING_ROWS, PUSHING_ROWS + 1, 3 * PUSHING_ROWS, 40])
 @pytest.mark.parametrize("parts", [3, CPU.pushing_parts, ACCELERATOR.pushing_parts])
 def test_sums_are_those_of_all_rows(path: Any, number: int, parts: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(buckets, "CPU", replace(CPU, pushing_parts=parts))
+    monkeypatch.setattr(batch_sizes, "CPU", replace(CPU, pushing_parts=parts))
     measured = path.results[2]
     L, P = measured.distance.shape
     force, curvature = pushes(measured, number, min(number, PUSHING_ROWS))

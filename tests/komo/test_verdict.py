@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from komo_cases import SCENE, Floats, grasp, place
 
-from dvr_jax.nlp.constraints import Rows
+from dvr_jax.nlp.constraints import ConstraintValues
 from dvr_jax.nlp.problem import Problem, Variables
 from dvr_jax.nlp.tolerances import Violations, measure_violations
 from dvr_jax.nlp.transcription import transcribe
@@ -35,14 +35,14 @@ def problem() -> Problem:
     return transcribe(SCENE, [grasp("left", "+x", "yellow"), place("left", "yellow", "goal")])
 
 
-def good_point(problem: Problem, steps: int = 2) -> tuple[Variables, Rows]:
+def good_point(problem: Problem, steps: int = 2) -> tuple[Variables, ConstraintValues]:
     """Variables and rows without any violation."""
     x = Variables(np.tile(problem.home, (K * steps, 1)), np.zeros((K, 4)))
-    rows = Rows(np.full((K * steps, ROWS), 0.2), np.zeros((K, 6)), np.zeros(K), np.full((K, 4), -0.1))
+    rows = ConstraintValues(np.full((K * steps, ROWS), 0.2), np.zeros((K, 6)), np.zeros(K), np.full((K, 4), -0.1))
     return x, rows
 
 
-def violate(kind: str, amount: float, x: Variables, rows: Rows) -> tuple[Variables, Rows]:
+def violate(kind: str, amount: float, x: Variables, rows: ConstraintValues) -> tuple[Variables, ConstraintValues]:
     """One violation of this kind and size."""
     q, m = np.array(x.q), np.array(x.m)
     distance, switch, angle, footprint = (np.array(value) for value in rows)
@@ -60,7 +60,7 @@ def violate(kind: str, amount: float, x: Variables, rows: Rows) -> tuple[Variabl
         footprint[1, 2] = amount
     else:
         q[1:, 2] += amount
-    return Variables(q, m), Rows(distance, switch, angle, footprint)
+    return Variables(q, m), ConstraintValues(distance, switch, angle, footprint)
 
 
 def test_no_violation(problem: Problem) -> None:
@@ -92,7 +92,7 @@ def test_keyframes_need_not_rest(problem: Problem) -> None:
     assert is_feasible(measure_violations(problem, x, rows))
 
 
-@pytest.mark.parametrize("where", ["q", "m", *Rows._fields])
+@pytest.mark.parametrize("where", ["q", "m", *ConstraintValues._fields])
 def test_nan_is_infeasible(problem: Problem, where: str) -> None:
     x, rows = good_point(problem)
     place_of = x if where in Variables._fields else rows
@@ -125,7 +125,9 @@ def gripped_upright(keyframes) -> tuple[Problem, Variables, Floats]:
 def first_switch(keyframes, problems: Problem, x: Variables) -> tuple[Violations, Floats]:
     """Violations of the first switch alone, and its residual."""
     rows, _, _ = keyframes.of(problems, x)
-    alone = Rows(np.ones_like(rows.distance), *(np.array(value) for value in rows[1:3]), -np.ones_like(rows.footprint))
+    alone = ConstraintValues(
+        np.ones_like(rows.distance), *(np.array(value) for value in rows[1:3]), -np.ones_like(rows.footprint)
+    )
     alone.switch[:, 1:], alone.switch_angle[:, 1:] = 0, 0
     return jax.vmap(measure_violations)(problems, x, alone), rows.switch[:, 0]
 

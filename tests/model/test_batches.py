@@ -13,7 +13,7 @@ from dvr_jax.logic import FACES
 from dvr_jax.model.batches import (
     IMAGE_BUCKET,
     VIEW_BUCKET,
-    Draws,
+    BatchSampler,
     assemble_batch,
     check_examples,
     draw_mirrored,
@@ -102,7 +102,7 @@ def without_solutions(hopeless: tuple[int, ...]) -> NDArray[np.intp]:
 
 
 def test_draw_depends_on_seed_and_step_alone() -> None:
-    draws = Draws.of(MIXED, np.arange(len(MIXED.scene)), 3, 48, 16)
+    draws = BatchSampler.of(MIXED, np.arange(len(MIXED.scene)), 3, 48, 16)
     drawn = [draws.draw(3, step) for step in range(20)]
     for step, batch in enumerate(drawn):
         np.testing.assert_array_equal(batch, draws.draw(3, step))
@@ -112,14 +112,14 @@ def test_draw_depends_on_seed_and_step_alone() -> None:
 
 def test_batch_is_dealt_out_to_its_scenes_and_holds_enough_feasible() -> None:
     rows = without_solutions((0, 2, 3))
-    draws = Draws.of(MIXED, np.random.default_rng(0).permutation(rows), 2, 48, 16)
+    draws = BatchSampler.of(MIXED, np.random.default_rng(0).permutation(rows), 2, 48, 16)
     for step in range(50):
         batch = draws.draw(0, step)
         assert len(batch) == 48 and np.isin(batch, rows).all()
         first, rest = MIXED.scene[batch[:16]], MIXED.scene[batch[16:]]
         assert MIXED.feasible[batch[:16]].all() and set(first) == set(rest) - {0, 2, 3}
         assert np.unique(rest, return_counts=True)[1].tolist() == [16, 16]
-    few = Draws.of(MIXED, without_solutions(tuple(range(5))), 12, 48, 16)
+    few = BatchSampler.of(MIXED, without_solutions(tuple(range(5))), 12, 48, 16)
     assert len(few.draw(0, 0)) == 48 and set(MIXED.scene[few.draw(0, 0)]) == set(range(5))
 
 
@@ -128,7 +128,7 @@ def test_others_are_drawn_evenly_by_the_number_of_actions_after_which_they_are_r
     rows = np.arange(len(MIXED.scene))[MIXED.scene == 3]
     # Half of the longest are continuations of what was refuted after two actions.
     refuted = np.where((MIXED.length == 3) & (np.arange(len(MIXED.scene)) % 2 == 0), 2, MIXED.refuted_after)
-    draws = Draws.of(MIXED._replace(refuted_after=refuted), rows, 1, 48, 0, stratified)
+    draws = BatchSampler.of(MIXED._replace(refuted_after=refuted), rows, 1, 48, 0, stratified)
     drawn = np.concatenate([draws.draw(0, step) for step in range(400)])
     kinds = 10 * refuted + MIXED.length
     kinds[MIXED.feasible] = 0
@@ -151,7 +151,7 @@ def test_steps_count_as_much_as_their_target_weighs() -> None:
 def test_share_of_ones_is_what_batches_hold_on_average(kind: Kind, least_feasible: int) -> None:
     """Scenes without solutions, which draws with feasible sequences hold less often, have more and longer rows."""
     rows = without_solutions((2, 3, 4))
-    draws = Draws.of(MIXED, rows[~((MIXED.scene[rows] < 2) & (MIXED.length[rows] > 2))], 2, 48, least_feasible)
+    draws = BatchSampler.of(MIXED, rows[~((MIXED.scene[rows] < 2) & (MIXED.length[rows] > 2))], 2, 48, least_feasible)
     examples = MIXED._replace(refuted_after=np.minimum(MIXED.refuted_after, 2))
     batches = [assemble_batch(examples, TABLE, draws.draw(0, step), kind) for step in range(1_000)]
     share = sum(batch.target.sum() for batch in batches) / sum(batch.mask.sum() for batch in batches)

@@ -12,13 +12,13 @@ import pytest
 from dvr_jax.errors import DvrError
 from dvr_jax.model.checkpoint import CheckpointFolder, TrainingState
 from dvr_jax.model.export import export_weights, load_weights
-from dvr_jax.model.header import Header
+from dvr_jax.model.header import NetworkMetadata
 from dvr_jax.model.network import NetworkConfig, initial_weights
 from dvr_jax.model.predictor import Predictor
 
 CONFIG = NetworkConfig(image_size=16, channels=(1, 2, 2), dense=4, hidden=5)
 WEIGHTS = initial_weights(CONFIG, 1)
-HEADER = Header("dvr", CONFIG, training={"batch": 48, "learning_rate": 5e-4})
+HEADER = NetworkMetadata("dvr", CONFIG, training={"batch": 48, "learning_rate": 5e-4})
 
 
 def same(one: Any, other: Any) -> bool:
@@ -50,12 +50,18 @@ def test_checkpoint_gives_back_the_state(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("other", "message"),
     [
-        (Header("classifier", CONFIG, training=HEADER.training), "trained with kind = dvr, this run has classifier"),
-        (Header("dvr", NetworkConfig(hidden=6), training=HEADER.training), "config"),
-        (Header("dvr", CONFIG, training={**HEADER.training, "batch": 32}), "training.batch = 48, this run has 32"),
+        (
+            NetworkMetadata("classifier", CONFIG, training=HEADER.training),
+            "trained with kind = dvr, this run has classifier",
+        ),
+        (NetworkMetadata("dvr", NetworkConfig(hidden=6), training=HEADER.training), "config"),
+        (
+            NetworkMetadata("dvr", CONFIG, training={**HEADER.training, "batch": 32}),
+            "training.batch = 48, this run has 32",
+        ),
     ],
 )
-def test_another_run_is_not_continued(other: Header, message: str) -> None:
+def test_another_run_is_not_continued(other: NetworkMetadata, message: str) -> None:
     with pytest.raises(DvrError, match=message):
         other.require_same(HEADER, "run, step 3")
 

@@ -15,12 +15,12 @@ from dvr_jax.planning.feasibility import passes_check
 from dvr_jax.scene.sampling import SceneDistribution, scene_of_seed
 from dvr_jax.scene.types import Goal, Region, Scene, SceneObject
 from dvr_jax.search.node import Node
-from dvr_jax.search.node_solver import PATH_STARTS, WITNESS
+from dvr_jax.search.node_solver import CERTIFIED_PENETRATION, PATH_STARTS
 from dvr_jax.search.run import Run
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import run_alone
 from dvr_jax.seeds.initial_paths import keyframe_start
-from dvr_jax.seeds.keyframe_beam import PARTICLES
+from dvr_jax.seeds.keyframe_beam import BEAM_WIDTH
 from dvr_jax.solver.augmented_lagrangian import Settings
 from dvr_jax.solver.engine import solve
 
@@ -65,9 +65,9 @@ def test_an_object_that_fits_its_region_is_not() -> None:
 def test_what_a_particle_proves_lies_on_a_region_as_large_as_a_table(region: Region) -> None:
     proved = 0
     for place in goal_sequences(region):
-        assert place.particles is not None
-        for q, m, violation in zip(place.particles.q, place.particles.m, place.particles.violation, strict=True):
-            if violation <= WITNESS:
+        assert place.beam is not None
+        for q, m, violation in zip(place.beam.q, place.beam.m, place.beam.violation, strict=True):
+            if violation <= CERTIFIED_PENETRATION:
                 assert np.isfinite(q[:2]).all()
                 footprint = replace(BOX, position=tuple(map(float, m[1, :2])), yaw=float(m[1, 2])).footprint
                 grown = Rectangle(region.position, (region.size[0] / 2 + 1e-5, region.size[1] / 2 + 1e-5), region.yaw)
@@ -104,7 +104,7 @@ def test_a_second_look_finds_what_the_sequence_bound_missed() -> None:
         tree = SequenceTree(scene, k_max=len(actions))
         run = Run(tree, lambda leaf, path: passes_check(scene, leaf, path), lambda line: None)
         leaf = leaf_of(tree, *actions)
-        assert run_alone(run.judge_lines([leaf])) == [leaf] and not leaf.refuted_by
+        assert run_alone(run.judge_prefix_chains([leaf])) == [leaf] and not leaf.refuted_by
         assert run_alone(run.try_path(leaf)) is not None
 
 
@@ -116,9 +116,9 @@ def test_with_nothing_left_out_the_pose_bound_is_the_sequence_bound() -> None:
         leaf = leaf_of(tree, *actions)
         for depth in range(1, leaf.depth + 1):
             run_alone(tree.judge_poses([leaf.ancestor(depth)]))
-    assert expected.feasible and leaf.feasible and expected.particles is not None and leaf.particles is not None
-    for name, theirs in expected.particles._asdict().items():
-        ours = getattr(leaf.particles, name)
+    assert expected.feasible and leaf.feasible and expected.beam is not None and leaf.beam is not None
+    for name, theirs in expected.beam._asdict().items():
+        ours = getattr(leaf.beam, name)
         np.testing.assert_array_equal(ours[:, : leaf.depth] if name in ("q", "m") else ours, theirs)
 
 
@@ -142,7 +142,7 @@ def test_what_a_sequence_does_its_last_switch_can_do_alone(scene: Scene, least: 
             run_alone(tree.judge_sequences(level))
             level = [node for node in level if node.feasible]
         for node in level:
-            assert node.problem is not None and node.particles is not None
+            assert node.problem is not None and node.beam is not None
             name = object_of(node.actions[-1])
             earlier = [action for action in node.actions[:-1] if object_of(action) == name]
             if not earlier or earlier[-1].operator == "place":
@@ -150,7 +150,7 @@ def test_what_a_sequence_does_its_last_switch_can_do_alone(scene: Scene, least: 
             before = earlier[-1]
             others = {object_of(action) for action in node.actions} - {name}
             problem = transcribe_switch(scene, before, node.actions[-1], sorted(others))
-            whole = keyframe_start(node.particles, 0, node.depth)
+            whole = keyframe_start(node.beam, 0, node.depth)
             held_by = node.problem.attached_by[node.depth - 1, node.problem.switched_object[-1]]
             alone = Variables(np.stack([problem.home, whole.q[-1]]), whole.m[[held_by, -1]])
             assert solve([problem], [alone], Settings())[0].feasible
@@ -173,7 +173,7 @@ def test_a_switch_that_fails_alone_refutes_all_that_end_with_it() -> None:
         run_alone(tree.judge_poses([second.ancestor(1), second.ancestor(2)]))
         run_alone(tree.judge_poses([second.ancestor(3)]))
         before = tree.counts.nlps["pose"], tree.counts.verdicts["pose"]
-        assert not tree.recall_pose(second) and second.refuted_by == "pose" and second.violation > 1
+        assert not tree.check_cached_pose_bound(second) and second.refuted_by == "pose" and second.violation > 1
     assert (tree.counts.nlps["pose"], tree.counts.verdicts["pose"]) == before
 
 
@@ -199,9 +199,9 @@ def test_proof_outweighs_a_switch_that_samples_missed() -> None:
         tree._switches[pair] = {frozenset(): Node(pair, 0, tree.root, False, feasible=False, violation=2.0)}
         for leaf in (first, second):
             judge_prefixes(tree, leaf)
-        assert not tree.recall_pose(first) and first.refuted_by == "pose"
+        assert not tree.check_cached_pose_bound(first) and first.refuted_by == "pose"
         assert run_alone(tree.judge_poses([leaf_of(tree, *map(str, pair))])) == [True]
-        assert tree.recall_pose(second) and second.feasible is not False
+        assert tree.check_cached_pose_bound(second) and second.feasible is not False
         assert run_alone(tree.judge_poses([second])) == [True] and second.feasible
 
 
@@ -218,9 +218,9 @@ def test_a_switch_alone_is_sampled_twice(monkeypatch: pytest.MonkeyPatch) -> Non
             seeds.append(seed)
             if len(seeds) == 1:
                 # Held 10 m beside the gripper: no arm reaches as far.
-                assert node.parent is not None and node.parent.particles is not None
-                held = node.parent.particles
-                node.parent.particles = held._replace(parameters=held.parameters + 10, m=held.m + 10)
+                assert node.parent is not None and node.parent.beam is not None
+                held = node.parent.beam
+                node.parent.beam = held._replace(parameters=held.parameters + 10, m=held.m + 10)
 
         monkeypatch.setattr(tree.solver, "free_grasp", miss_first)
         before = tree.counts.nlps["pose"]
@@ -271,8 +271,8 @@ def test_a_second_look_leaves_what_is_infeasible_refuted() -> None:
         tree, node = judged(scene, "grasp(left, +y, a)", "place(left, a, goal)")
         assert node.parent is not None and node.parent.feasible and node.refuted_by == "sequence"
         before, nlps = tree.counts.feasible["sequence"], tree.counts.nlps["sequence"]
-        run_alone(tree.look_again([node]))
-    assert tree.counts.nlps["sequence"] == nlps + PARTICLES
+        run_alone(tree.retry_refuted([node]))
+    assert tree.counts.nlps["sequence"] == nlps + BEAM_WIDTH
     assert node.feasible is False and (node.refuted_by, tree.counts.feasible["sequence"]) == ("sequence", before)
 
 

@@ -54,7 +54,7 @@ class Oracle(SequenceTree):
         return [True] * len(nodes)
         yield
 
-    def recall_pose(self, node: Node) -> bool:
+    def check_cached_pose_bound(self, node: Node) -> bool:
         return True
 
 
@@ -134,9 +134,9 @@ def test_a_network_that_knows_needs_one_path_and_one_that_lies_still_finds_it(so
     tried: list[list[Node]] = []
 
     class Counting(OracleRun):
-        def judge_lines(self, leaves):
+        def judge_prefix_chains(self, leaves):
             tried.append(leaves)
-            return (yield from super().judge_lines(leaves))
+            return (yield from super().judge_prefix_chains(leaves))
 
     outcome = run_alone(steps_of("dvr", Counting(tree, lambda node, path: True, lambda line: None), guess))
     assert outcome.node is not None and outcome.node.actions == solution
@@ -176,9 +176,9 @@ def follow(search: str, tree: Oracle, script: Script) -> tuple[Outcome, list[lis
     tried: list[list[tuple[Action, ...]]] = []
 
     class Watched(OracleRun):
-        def judge_lines(self, leaves):
+        def judge_prefix_chains(self, leaves):
             tried.append([leaf.actions for leaf in leaves])
-            return (yield from super().judge_lines(leaves))
+            return (yield from super().judge_prefix_chains(leaves))
 
         def judge_leaves(self, leaves):
             before = len(tried)
@@ -214,7 +214,7 @@ def test_a_refuted_prefix_is_not_expanded() -> None:
     """The pose bound of a promising grasp fails before the network is asked about what follows it."""
 
     class Refuting(Oracle):
-        def recall_pose(self, node: Node) -> bool:
+        def check_cached_pose_bound(self, node: Node) -> bool:
             return node.actions[0] != AWAY
 
     script = Script(lambda actions: {(AWAY,): 0.9, RIGHT[:1]: 0.7, RIGHT: 0.6}.get(actions, 0.01))
