@@ -23,17 +23,17 @@ class BatchSizes:
     """Up to so many are extended one by one."""
     near_pairs: int
     """Distances of capsules to objects that are taken in one pass. On paths one a slice is near on average."""
-    pushing_parts: int
+    active_groups: int
     """Parts of slices whose rows that push are added up in one pass. Of the slices of paths one in seven has any."""
 
 
-CPU = BatchSizes(chunk=60, largest_chunk=180, path_lanes=1, beam_lanes=8, few=3, near_pairs=192, pushing_parts=32)
+CPU = BatchSizes(chunk=60, largest_chunk=180, path_lanes=1, beam_lanes=8, few=3, near_pairs=192, active_groups=32)
 """Keyframes of 1 to 6 actions and paths of 2, 4 and 6 fill the chunks without a rest; in one call of 180 slices, a path
 of six actions, a slice takes two thirds of the time that it takes in three. One extended prefix takes a quarter of the
 time of eight."""
 
 ACCELERATOR = BatchSizes(
-    chunk=1_920, largest_chunk=7_680, path_lanes=32, beam_lanes=64, few=0, near_pairs=7_680, pushing_parts=1_280
+    chunk=1_920, largest_chunk=7_680, path_lanes=32, beam_lanes=64, few=0, near_pairs=7_680, active_groups=1_280
 )
 """Chosen so that a call has work for thousands of threads; not yet measured on any."""
 

@@ -45,11 +45,11 @@ class Shape:
     """Extent along the closing axis of a gripper that grasps the body at a face."""
 
     tangent_half_extent: Callable[[Size, str], float]
-    """Half the room for the gripper's center along a face, from the middle of the face to its border."""
+    """Half extent of a face along its horizontal tangent."""
 
     has_faces: bool
-    """Whether the four faces can be told apart. Where they cannot, a grasp at +x has a free yaw and stands for all
-    four."""
+    """Whether the four faces can be told apart. Where they cannot, a grasp's closing axis passes through the body's own
+    axis, its yaw is free, and the grasp at +x stands for all four."""
 
     mujoco_geom: Callable[[Size], tuple[str, list[float]]]
     """MuJoCo's name of the geom type ("box", "cylinder", ...) and its size."""

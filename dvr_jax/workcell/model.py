@@ -92,6 +92,9 @@ class WorkcellModel:
     finger_directions: Float[Array, "capsules 3"]
     """Direction in which a finger's capsule moves as the gripper opens; zero for all others."""
 
+    tucked: Float[Array, " joints"]
+    """Posture in which an arm keeps out of the way of another one [rad]."""
+
     structure: WorkcellStructure = field(metadata={"static": True})
     """What decides the shape of programs."""
 
@@ -129,5 +132,6 @@ def _model_of(robot: Robot, number_of_arms: int, cross_pairs: tuple[tuple[int, i
         capsule_ends=capsules.ends,
         capsule_radii=capsules.radii,
         finger_directions=capsules.finger_directions,
+        tucked=np.array(robot.tucked),
         structure=structure,
     )

@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -34,7 +35,7 @@ FINGERS = ("finger_left", "finger_right")
 class InverseKinematics:
     """A closed-form inverse kinematics of a robot."""
 
-    solve: Callable[..., tuple[object, object]]
+    solve: Callable[..., Any]
     """Called as ``solve(robot_model, R, p, free)`` with gripper poses in the frame of the arm's base: axes ``R``
     (3, 3, L), centers ``p`` (3, L) [m], and the angles ``free`` (F, L) [rad] of the free joints. Returns angles
     (J, branches, L) [rad] and by how much each branch fails (branches, L): 0 where it reaches the pose within the joint
