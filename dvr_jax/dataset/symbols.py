@@ -14,7 +14,7 @@ from itertools import accumulate
 from typing import NamedTuple
 
 from dvr_jax.logic import Grounding, ground_actions
-from dvr_jax.logic.errors import SymbolicError, listed
+from dvr_jax.logic.errors import LogicError, listed
 from dvr_jax.scene.types import Scene
 
 
@@ -43,7 +43,7 @@ class SequenceIndex:
         """Numbers of actions given by name; an unknown one is an error that lists valid ones."""
         for name in actions:
             if name not in self.index_of:
-                raise SymbolicError(f"there is no action {name!r}; valid: {listed(self.index_of)}.")
+                raise LogicError(f"there is no action {name!r}; valid: {listed(self.index_of)}.")
         return tuple(self.index_of[name] for name in actions)
 
     def state_after(self, sequence: tuple[int, ...]) -> int:
@@ -51,7 +51,7 @@ class SequenceIndex:
         state = self.grounding.initial_state
         for done, index in enumerate(sequence):
             if self.grounding.is_goal(state):
-                raise SymbolicError(f"the goal holds after {done} of {len(sequence)} actions; it must end there.")
+                raise LogicError(f"the goal holds after {done} of {len(sequence)} actions; it must end there.")
             state = self.grounding.successor(state, index)
         return state
 

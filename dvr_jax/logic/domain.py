@@ -22,7 +22,7 @@ from pddl.exceptions import PDDLError  # type: ignore[import-untyped]
 from pddl.logic import base, effects, predicates  # type: ignore[import-untyped]
 from pddl.parser.domain import DomainParser  # type: ignore[import-untyped]
 
-from dvr_jax.logic.errors import SymbolicError, listed
+from dvr_jax.logic.errors import LogicError, listed
 
 EQUALITY = "="
 ROOT_TYPE = "object"
@@ -115,10 +115,10 @@ def parse_domain(text: str, source: str = "the domain") -> SymbolicDomain:
     """The domain written in a PDDL text; `source` is what error messages call it."""
     # Checked before parsing: with a type hierarchy, the library can loop forever over a derived predicate.
     if re.search(r"\(\s*:derived\b", re.sub(r";.*", "", text), re.IGNORECASE):
-        raise SymbolicError(f"{source}: derived predicates (`:derived`) are not supported.")
+        raise LogicError(f"{source}: derived predicates (`:derived`) are not supported.")
     parsed = _parse_with_library(text, source)
     if parsed.functions:
-        raise SymbolicError(f"{source}: numeric fluents (`:functions`) are not supported.")
+        raise LogicError(f"{source}: numeric fluents (`:functions`) are not supported.")
     constants = sorted((_lower(constant), str(constant.type_tag or ROOT_TYPE).lower()) for constant in parsed.constants)
     declared = SymbolicDomain(
         name=str(parsed.name),
@@ -138,7 +138,7 @@ def _parse_with_library(text: str, source: str) -> Any:
         return DomainParser()(text)
     except (PDDLError, LarkError, ValueError, AssertionError) as error:
         reason = " ".join(str(error).split())
-        raise SymbolicError(f"{source} is not a PDDL domain that can be read: {reason}") from error
+        raise LogicError(f"{source} is not a PDDL domain that can be read: {reason}") from error
     finally:
         # The library leaves tracebacklimit at 0 after a syntax error, which would hide every later traceback.
         if had_limit:
@@ -190,7 +190,7 @@ def _literals(formula: Any, quantified: tuple[Parameter, ...], where: str, is_ef
     elif isinstance(fact, predicates.EqualTo) and not is_effect:
         yield Literal(EQUALITY, (_lower(fact.left), _lower(fact.right)), positive, quantified)
     else:
-        raise SymbolicError(
+        raise LogicError(
             f"{where}: {_construct(formula)} is not supported, in {formula}. "
             "Supported: `and`, `not` of a fact, `forall`, and `=` in preconditions."
         )
@@ -208,7 +208,7 @@ def _check(domain: SymbolicDomain, source: str) -> None:
     names = [operator.name for operator in domain.operators]
     for name in names:
         if names.count(name) > 1:
-            raise SymbolicError(f"{source}: two operators are named '{name}'.")
+            raise LogicError(f"{source}: two operators are named '{name}'.")
     declared = dict(domain.predicates)
     for operator in domain.operators:
         for literal in operator.precondition + operator.effect:
@@ -217,16 +217,16 @@ def _check(domain: SymbolicDomain, source: str) -> None:
             scope |= {variable.name: variable.types for variable in operator.parameters + literal.quantified}
             for term in literal.terms:
                 if term not in scope:
-                    raise SymbolicError(f"{where}: '{term}' is not declared; known here: {listed(scope)}.")
+                    raise LogicError(f"{where}: '{term}' is not declared; known here: {listed(scope)}.")
             if literal.predicate == EQUALITY:
                 continue
             if literal.predicate not in declared:
-                raise SymbolicError(f"{where}: no such predicate; declared: {listed(declared)}.")
+                raise LogicError(f"{where}: no such predicate; declared: {listed(declared)}.")
             places = declared[literal.predicate]
             if len(places) != len(literal.terms):
-                raise SymbolicError(f"{where}: '{literal.predicate}' takes {len(places)} terms.")
+                raise LogicError(f"{where}: '{literal.predicate}' takes {len(places)} terms.")
             for term, place in zip(literal.terms, places, strict=True):
                 for type_name in scope[term] or (ROOT_TYPE,):
                     if not domain.is_of_type(type_name, place.types):
                         wanted = listed(sorted(place.types))
-                        raise SymbolicError(f"{where}: '{term}' is of type {type_name}, wanted here: {wanted}.")
+                        raise LogicError(f"{where}: '{term}' is of type {type_name}, wanted here: {wanted}.")

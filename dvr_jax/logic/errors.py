@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from dvr_jax.errors import DvrError
 
 
-class SymbolicError(DvrError, ValueError):
+class LogicError(DvrError, ValueError):
     """A domain, a fact or an action that makes no sense; the message names the culprit and what would be valid."""
 
 

@@ -11,7 +11,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from dvr_jax.logic.domain import EQUALITY, Literal, Operator, Parameter, SymbolicDomain
-from dvr_jax.logic.errors import SymbolicError, listed
+from dvr_jax.logic.errors import LogicError, listed
 from dvr_jax.logic.grounding import Action, Fact, Grounding, Masks
 
 
@@ -65,7 +65,7 @@ def ground_domain(
     kept = [i for i in instances if i.required <= changing | fixed_true and not i.forbidden & fixed_true]
     for fact in goal:
         if fact not in changing and fact not in fixed_true:
-            raise SymbolicError(f"the goal ({' '.join(fact)}) can never hold: no operator adds it.")
+            raise LogicError(f"the goal ({' '.join(fact)}) can never hold: no operator adds it.")
 
     def mask(of_facts: Collection[Fact]) -> int:
         return sum(bit_of[fact] for fact in of_facts if fact in bit_of)
@@ -125,10 +125,10 @@ def _check_entities(domain: SymbolicDomain, entities: Sequence[Entity]) -> None:
     seen: set[str] = set()
     for entity in entities:
         if entity.name in seen:
-            raise SymbolicError(f"the name '{entity.name}' is given twice, or the domain has a constant of that name.")
+            raise LogicError(f"the name '{entity.name}' is given twice, or the domain has a constant of that name.")
         seen.add(entity.name)
         if domain.types and entity.type not in types:
-            raise SymbolicError(
+            raise LogicError(
                 f"'{entity.label}' is of type '{entity.type}', which domain '{domain.name}' does not declare; "
                 f"declared: {listed(sorted(types))}."
             )
@@ -140,12 +140,12 @@ def _check_facts(domain: SymbolicDomain, entities: Sequence[Entity], facts: Coll
     for predicate, *names in facts:
         text = f"({' '.join((predicate, *names))})"
         if predicate not in declared or len(declared[predicate]) != len(names):
-            raise SymbolicError(
+            raise LogicError(
                 f"domain '{domain.name}' declares no predicate for {text} of the initial state or goal."
             )
         for name, place in zip(names, declared[predicate], strict=True):
             if name not in type_of or not domain.is_of_type(type_of[name], place.types):
-                raise SymbolicError(
+                raise LogicError(
                     f"domain '{domain.name}': '{name}' does not fit into {text} of the initial state or goal; "
                     f"valid: {listed(e.name for e in entities if domain.is_of_type(e.type, place.types))}."
                 )
@@ -156,5 +156,5 @@ def _check_distinct(kind: str, named: Sequence[object]) -> None:
     seen: set[object] = set()
     for thing in named:
         if thing in seen:
-            raise SymbolicError(f"two {kind} of the domain would both be called {thing}: rename one of the objects.")
+            raise LogicError(f"two {kind} of the domain would both be called {thing}: rename one of the objects.")
         seen.add(thing)

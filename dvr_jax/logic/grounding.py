@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Self
 
-from dvr_jax.logic.errors import SymbolicError, listed
+from dvr_jax.logic.errors import LogicError, listed
 
 Fact = tuple[str, ...]
 """Predicate and arguments by the names the user gave, as in `("holding", "left", "yellow")`."""
@@ -31,7 +31,7 @@ class Action:
         """The action that `str` wrote, as in "grasp(left, +x, yellow)"."""
         match = re.fullmatch(r"\s*([^\s(),]+)\s*\(([^()]*)\)\s*", text)
         if match is None:
-            raise SymbolicError(f"'{text}' is no action; valid is for instance 'grasp(left, +x, yellow)'.")
+            raise LogicError(f"'{text}' is no action; valid is for instance 'grasp(left, +x, yellow)'.")
         return cls(match[1], tuple(argument.strip() for argument in match[2].split(",")))
 
 
@@ -82,7 +82,7 @@ class Grounding:
         """The state after action number `index`; an inapplicable action is an error."""
         masks = self.masks[index]
         if not masks.allow(state):
-            raise SymbolicError(f"{self._why_not(state, index)} {self._what_instead(state)}")
+            raise LogicError(f"{self._why_not(state, index)} {self._what_instead(state)}")
         return state & ~masks.deleted | masks.added
 
     def is_goal(self, state: int) -> bool:
@@ -93,7 +93,7 @@ class Grounding:
         """Whether a fact holds in this state, as in `holds(state, "holding", "left", "yellow")`."""
         fact = (predicate, *arguments)
         if fact not in self._bit_of:
-            raise SymbolicError(f"no fact {_text(fact)} is ever changed; valid: {listed(map(_text, self.facts))}.")
+            raise LogicError(f"no fact {_text(fact)} is ever changed; valid: {listed(map(_text, self.facts))}.")
         return bool(state & self._bit_of[fact])
 
     def facts_in(self, state: int) -> tuple[Fact, ...]:
@@ -117,7 +117,7 @@ class Grounding:
     def index(self, action: Action) -> int:
         """The number of an action in `actions`; an unknown one is an error that names what is wrong with it."""
         if action not in self._index_of:
-            raise SymbolicError(self._why_unknown(action))
+            raise LogicError(self._why_unknown(action))
         return self._index_of[action]
 
     def apply(self, sequence: Sequence[Action]) -> tuple[int, ...]:
@@ -126,8 +126,8 @@ class Grounding:
         for step, action in enumerate(sequence, start=1):
             try:
                 states.append(self.successor(states[-1], self.index(action)))
-            except SymbolicError as error:
-                raise SymbolicError(f"action {step} of {len(sequence)}: {error}") from None
+            except LogicError as error:
+                raise LogicError(f"action {step} of {len(sequence)}: {error}") from None
         return tuple(states)
 
     def check_sequence(self, sequence: Sequence[Action]) -> tuple[int, ...]:
@@ -136,9 +136,9 @@ class Grounding:
         goal = " and ".join(map(_text, self.facts_in(self.goal)))
         first = next((step for step, state in enumerate(states) if self.is_goal(state)), None)
         if first is None:
-            raise SymbolicError(f"this sequence of length {len(sequence)} does not reach the goal {goal}.")
+            raise LogicError(f"this sequence of length {len(sequence)} does not reach the goal {goal}.")
         if first < len(sequence):
-            raise SymbolicError(
+            raise LogicError(
                 f"the goal {goal} holds after {first} of {len(sequence)} actions: the sequence must end there."
             )
         return states

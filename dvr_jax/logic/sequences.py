@@ -7,14 +7,14 @@ sequences of length 6 with five objects), so counts are carried from state to st
 from collections import Counter
 from collections.abc import Iterator
 
-from dvr_jax.logic.errors import SymbolicError
+from dvr_jax.logic.errors import LogicError
 from dvr_jax.logic.grounding import Grounding
 
 
 def count_sequences(grounding: Grounding, k_max: int) -> dict[int, int]:
     """Number of goal-reaching sequences of each length 1 to k_max."""
     if k_max < 0:
-        raise SymbolicError(f"the largest length is {k_max}; it must not be negative.")
+        raise LogicError(f"the largest length is {k_max}; it must not be negative.")
     counts: dict[int, int] = {}
     ways = Counter({grounding.initial_state: 1})  # action sequences so far that lead to a state, none through the goal
     for length in range(1, k_max + 1):
@@ -36,7 +36,7 @@ def count_sequences(grounding: Grounding, k_max: int) -> dict[int, int]:
 def enumerate_sequences(grounding: Grounding, length: int) -> Iterator[tuple[int, ...]]:
     """All goal-reaching sequences of exactly this length, as action indices in lexicographic order, lazily."""
     if length < 0:
-        raise SymbolicError(f"the length is {length}; it must not be negative.")
+        raise LogicError(f"the length is {length}; it must not be negative.")
     return _enumerate(grounding, length)
 
 

@@ -10,7 +10,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from dvr_jax.logic.domain import read_domain
-from dvr_jax.logic.errors import SymbolicError, listed
+from dvr_jax.logic.errors import LogicError, listed
 from dvr_jax.logic.grounder import Entity, ground_domain
 from dvr_jax.logic.grounding import Action, Grounding
 
@@ -57,7 +57,7 @@ def _ground_shipped(objects: tuple[str, ...], goal_object: str, arms: tuple[str,
 
 def _ground(objects: tuple[str, ...], goal_object: str, arms: tuple[str, ...], domain_file: Path | None) -> Grounding:
     if goal_object not in objects:
-        raise SymbolicError(f"the goal object '{goal_object}' is no object of the scene; objects: {listed(objects)}.")
+        raise LogicError(f"the goal object '{goal_object}' is no object of the scene; objects: {listed(objects)}.")
     arm_entities = [Entity(f"a{i}", "arm", name) for i, name in enumerate(arms)]
     object_entities = [Entity(f"o{i}", "movable", name) for i, name in enumerate(objects)]
     return ground_domain(
@@ -77,9 +77,9 @@ def describe(action: Action) -> str:
 
 def _check_names(kind: str, names: Sequence[str]) -> None:
     if isinstance(names, str):
-        raise SymbolicError(f"the {kind} names are one string, {names!r}; wanted is a sequence of names.")
+        raise LogicError(f"the {kind} names are one string, {names!r}; wanted is a sequence of names.")
     if not names:
-        raise SymbolicError(f"there is no {kind}; at least one is needed.")
+        raise LogicError(f"there is no {kind}; at least one is needed.")
     twice = [name for name, number in Counter(names).items() if number > 1]
     if twice:
-        raise SymbolicError(f"two {kind}s have the same name: {listed(twice)}.")
+        raise LogicError(f"two {kind}s have the same name: {listed(twice)}.")

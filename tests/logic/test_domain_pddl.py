@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from dvr_jax.logic import Action, SymbolicError, count_sequences, describe, enumerate_sequences, ground_actions
+from dvr_jax.logic import Action, LogicError, count_sequences, describe, enumerate_sequences, ground_actions
 from dvr_jax.logic.domain import domain_signature, parse_domain, read_domain
 from dvr_jax.logic.grounder import Entity, ground_domain
 
@@ -89,7 +89,7 @@ def test_types_constants_and_facts_that_never_change() -> None:
         "fly(red, garden)",
         "fly(red, hall)",
     ]
-    with pytest.raises(SymbolicError, match="two actions of the domain would both be called fly"):
+    with pytest.raises(LogicError, match="two actions of the domain would both be called fly"):
         ground_domain(domain, entities, [*initial, ("clean",)], [("at", "d0", "r0")])
 
 
@@ -102,7 +102,7 @@ def test_effects_delete_first_and_add_afterwards() -> None:
 
 def test_a_goal_out_of_reach() -> None:
     text = "(define (domain d) (:predicates (p) (q)) (:action a :parameters () :precondition (q) :effect (p)))"
-    with pytest.raises(SymbolicError, match=r"the goal \(q\) can never hold"):
+    with pytest.raises(LogicError, match=r"the goal \(q\) can never hold"):
         ground_domain(parse_domain(text), [], [], [("q",)])
     grounding = ground_domain(parse_domain(text), [], [], [("p",)])
     assert grounding.actions == () and not grounding.can_reach_goal(grounding.initial_state, 5)
@@ -139,7 +139,7 @@ def test_an_inner_variable_hides_an_outer_one() -> None:
 )
 def test_unsupported_constructs_are_refused_by_name(text: str, culprit: str) -> None:
     assert text != OURS
-    with pytest.raises(SymbolicError) as caught:
+    with pytest.raises(LogicError) as caught:
         parse_domain(text, "mine.pddl")
     assert str(caught.value).startswith("mine.pddl") and culprit in str(caught.value)
 
@@ -160,7 +160,7 @@ def test_unsupported_constructs_are_refused_by_name(text: str, culprit: str) -> 
     ],
 )
 def test_mistakes_are_named(text: str, message: str) -> None:
-    with pytest.raises(SymbolicError) as caught:
+    with pytest.raises(LogicError) as caught:
         parse_domain(text, "mine.pddl")
     assert str(caught.value).startswith("mine.pddl") and message in str(caught.value)
     assert not hasattr(sys, "tracebacklimit")  # the library would leave it at 0
@@ -178,7 +178,7 @@ def test_mistakes_are_named(text: str, message: str) -> None:
 def test_a_domain_that_does_not_fit_the_task(tmp_path: Path, old: str, new: str, message: str) -> None:
     domain_file = tmp_path / "other.pddl"
     domain_file.write_text(OURS.replace(old, new))
-    with pytest.raises(SymbolicError) as caught:
+    with pytest.raises(LogicError) as caught:
         ground_actions(["yellow"], "yellow", domain_file=domain_file)
     assert message in str(caught.value)
 
