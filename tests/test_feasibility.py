@@ -8,7 +8,7 @@ from dvr_jax.checker.replay import check_motion
 from dvr_jax.cli.sweep import label_scenes
 from dvr_jax.dataset.labelling import LabelOptions
 from dvr_jax.errors import DvrError
-from dvr_jax.logic import ARMS, Action, SymbolicError, enumerate_sequences, ground_actions
+from dvr_jax.logic import ARMS, Action, LogicError, enumerate_sequences, ground_actions
 from dvr_jax.planning.feasibility import feasibility
 from dvr_jax.scene.types import Goal, Region, Scene, SceneObject
 
@@ -69,7 +69,7 @@ def test_a_negative_seed_is_refused() -> None:
     ],
 )
 def test_what_the_logic_forbids_is_named(sequence: list[str], message: str) -> None:
-    with pytest.raises(SymbolicError) as refused:
+    with pytest.raises(LogicError) as refused:
         feasibility(SCENE, [sequence])
     assert message in str(refused.value)
 

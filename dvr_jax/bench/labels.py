@@ -25,9 +25,8 @@ import tyro
 from dvr_jax.bench.recall import oracle_keyframes, oracle_path
 from dvr_jax.bench.results_file import ResultsFile
 from dvr_jax.checker.replay import check_motion
-from dvr_jax.dataset.examples import find_shards
 from dvr_jax.dataset.labels import Label
-from dvr_jax.dataset.shards import read_shard
+from dvr_jax.dataset.shards import find_shards, read_shard
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import Action
 from dvr_jax.nlp.transcription import transcribe

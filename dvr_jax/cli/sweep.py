@@ -24,9 +24,9 @@ import jax
 import tyro
 
 from dvr_jax import __version__
+from dvr_jax.dataset.folder_manifest import write_manifest
 from dvr_jax.dataset.labelling import LabelOptions, label_scene
 from dvr_jax.dataset.labels import Label
-from dvr_jax.dataset.manifest import write_manifest
 from dvr_jax.dataset.shards import list_shards, read_columns, write_shard
 from dvr_jax.errors import DvrError, run_command
 from dvr_jax.planning.feasibility import passes_check
@@ -147,7 +147,7 @@ def sweep(options: SweepOptions) -> None:
             raise DvrError(f"{info.path} was made by dvr_jax {writer}, this is {__version__}; choose another --out.")
         if info.scenes.stop > len(scenes):
             raise DvrError(f"{info} goes beyond the {len(scenes)} scenes of {options.scenes}; choose another --out.")
-        labelled = (scene_from_json(text, str(info.path)) for text in read_columns(info).json)
+        labelled = (scene_from_json(text, str(info.path)) for text in read_columns(info).scene_texts)
         if not all(map(are_equal_but_for_rounding, labelled, scenes[info.scenes.start : info.scenes.stop])):
             raise DvrError(f"{info.path} holds other scenes than {options.scenes}; choose another --out.")
     covered = {index for info in done for index in info.scenes}

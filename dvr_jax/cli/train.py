@@ -16,7 +16,7 @@ import jax
 import tyro
 
 from dvr_jax.dataset import load_examples
-from dvr_jax.dataset.examples import find_shards
+from dvr_jax.dataset.shards import find_shards
 from dvr_jax.errors import run_command
 from dvr_jax.logic import Action
 from dvr_jax.model.manifest import write_manifest

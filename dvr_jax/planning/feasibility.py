@@ -22,7 +22,7 @@ import jax
 
 from dvr_jax.checker.replay import check_motion
 from dvr_jax.errors import DvrError
-from dvr_jax.logic import Action, SymbolicError
+from dvr_jax.logic import Action, LogicError
 from dvr_jax.motion.motion import Motion
 from dvr_jax.planning.path_motion import interpolate
 from dvr_jax.scene.types import Scene
@@ -65,7 +65,7 @@ def feasibility(scene: Scene, sequences: Sequence[Sequence[Action | str]], seed:
         relaxation of another: together, more may be found feasible than one by one.)
 
     Raises:
-        SymbolicError: a sequence that the logic does not allow.
+        LogicError: a sequence that the logic does not allow.
     """
     with jax.enable_x64(True):
         return run_alone(judge(scene, sequences, seed))
@@ -85,8 +85,8 @@ def judge(scene: Scene, sequences: Sequence[Sequence[Action | str]], seed: int =
     for actions in parsed:
         try:
             states = tree.grounding.check_sequence(actions)
-        except SymbolicError as error:
-            raise SymbolicError(f"{' '.join(map(str, actions)) or 'the empty sequence'}: {error}") from None
+        except LogicError as error:
+            raise LogicError(f"{' '.join(map(str, actions)) or 'the empty sequence'}: {error}") from None
         for depth in range(1, len(actions) + 1):
             prefix = actions[:depth]
             if prefix not in nodes:

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from dvr_jax.errors import DvrError
-from dvr_jax.logic import ground_actions
-from dvr_jax.logic.grounding import Action, Grounding
+from dvr_jax.logic import Action, Grounding, ground_actions
 from dvr_jax.model.encoding import SYMBOLS, direction, encode_actions, input_signature, object_pairs
 from dvr_jax.scene.types import SceneObject
 
