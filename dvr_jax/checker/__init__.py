@@ -1,7 +1,7 @@
 """The independent check of a plan.
 
-`check_motion` replays a motion in MuJoCo C and compares it with the actions that it claims to carry out. Nothing in this
-package knows the planner: what operators, shapes and goals mean to the check is written here a second time, in
+`check_motion` replays a motion in MuJoCo C and compares it with the actions that it claims to carry out. Nothing in
+this package knows the planner: what operators, shapes and goals mean to the check is written here a second time, in
 `operators`, `shapes` and `goals`.
 """
 

@@ -56,7 +56,8 @@ def check_joints(motion: ReplayedMotion, log: FindingLog) -> None:
             largest = ROUNDING * float(robot.joint_acceleration[joint])
             log.add_worst(JOINT_ACCELERATION, 0, names, accelerations, largest)
 
-            log.add(HOME_POSTURE, 0, names, float(abs(angles[0] - home[joint])), LIMIT_TOLERANCE)
+            away = float(abs(angles[0] - home[joint]))
+            log.add(HOME_POSTURE, 0, names, away, LIMIT_TOLERANCE)
 
 
 def check_fingers(motion: ReplayedMotion, log: FindingLog) -> None:
@@ -77,7 +78,8 @@ def check_fingers(motion: ReplayedMotion, log: FindingLog) -> None:
             excess = np.maximum(-travels, travels - widest)
             log.add_worst(FINGER_TRAVEL, 0, names, excess, FINGER_TOLERANCE)
 
-            log.add(HOME_FINGER, 0, names, float(abs(travels[0] - home[arm, finger])), SHIFT)
+            away = float(abs(travels[0] - home[arm, finger]))
+            log.add(HOME_FINGER, 0, names, away, SHIFT)
 
             speeds = np.abs(np.diff(travels)) / motion.motion.step
             log.add_worst(FINGER_SPEED, 1, names, speeds, fastest)
@@ -100,7 +102,8 @@ def check_rest_at_switches(motion: ReplayedMotion, timeline: Timeline, log: Find
             speeds = np.abs(angles[sample] - angles[sample - 1]) / motion.motion.step
             fastest = int(speeds.argmax())
             names = (f"{motion.arm_name(arm)}/joint{fastest + 1}",)
-            log.add(SWITCH_SPEED, sample, names, float(speeds[fastest]), SWITCH_JOINT_SPEED)
+            speed = float(speeds[fastest])
+            log.add(SWITCH_SPEED, sample, names, speed, SWITCH_JOINT_SPEED)
 
 
 def _arms_at_switch(motion: ReplayedMotion, timeline: Timeline, interval: AttachmentInterval) -> set[int]:

@@ -42,15 +42,25 @@ HOME_SHIFT = FindingKind("home shift", "{0} is {value} away from where the scene
 HOME_TURN = FindingKind("home turn", "{0} is turned by {value} from how the scene has it", "rad")
 
 GRIPPER_CENTER = FindingKind(
-    "gripper center", "the center of the {1} gripper is {value} outside {0} as it grasps", "mm"
+    "gripper center",
+    "the center of the {1} gripper is {value} outside {0} as it grasps",
+    "mm",
 )
 CLOSING_AXIS = FindingKind(
-    "closing axis", "the {1} gripper's closing axis is {value} off the normal of {0}'s face as it grasps", "rad"
+    "closing axis",
+    "the {1} gripper's closing axis is {value} off the normal of {0}'s face as it grasps",
+    "rad",
 )
 CLOSING_OFFSET = FindingKind(
-    "closing offset", "the {1} gripper's closing axis passes {value} beside the axis of {0} as it grasps", "mm"
+    "closing offset",
+    "the {1} gripper's closing axis passes {value} beside the axis of {0} as it grasps",
+    "mm",
 )
-GRIP = FindingKind("grip", "the fingers of the {1} gripper, which alone holds {0}, are {value} off its sides", "mm")
+GRIP = FindingKind(
+    "grip",
+    "the fingers of the {1} gripper, which alone holds {0}, are {value} off its sides",
+    "mm",
+)
 WIDTH = FindingKind("width", "{0} is {value} wide where the {1} gripper grasps it", "mm")
 
 SUPPORT_TILT = FindingKind("support tilt", "{0} is tilted by {value} on the {1}", "rad")

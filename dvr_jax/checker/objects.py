@@ -18,7 +18,13 @@ from dvr_jax.checker.kinds import (
 from dvr_jax.checker.operators.operator import AttachmentInterval, Held, Standing
 from dvr_jax.checker.replayed_motion import ReplayedMotion, angle_between
 from dvr_jax.checker.report import FindingLog
-from dvr_jax.checker.tolerances import FASTEST_OBJECT, SHIFT, SHIFT_AT_SWITCH, TURN, TURN_AT_SWITCH
+from dvr_jax.checker.tolerances import (
+    FASTEST_OBJECT,
+    SHIFT,
+    SHIFT_AT_SWITCH,
+    TURN,
+    TURN_AT_SWITCH,
+)
 
 
 def check_start_and_speed(motion: ReplayedMotion, log: FindingLog) -> None:

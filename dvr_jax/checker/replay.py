@@ -4,7 +4,7 @@ A walk through the actions tells which object is attached to what, from which sw
 else is read from MuJoCo's own kinematics and collisions; neither the optimizer's kinematics nor its distances are used.
 
 Whatever touches may penetrate by `DEEPEST_CONTACT` at most, a gripper and the object that it holds included. Where two
-bodies might meet between two samples, the check also looks at states in between (`dvr_jax.checker.contacts`).
+bodies might meet between two samples, the check also looks at states in between (`dvr_jax.checker.motion_contacts`).
 
 There are no dynamics: no forces and no friction. A grasp carries its object because the fingers are closed.
 """
@@ -20,11 +20,20 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from dvr_jax.checker.contacts import GeomPoses, dense_states, find_contacts
+from dvr_jax.checker.dense_states import dense_states
 from dvr_jax.checker.goals import check_goal
-from dvr_jax.checker.joints import check_fingers, check_joints, check_rest_at_switches
+from dvr_jax.checker.joints import (
+    check_fingers,
+    check_joints,
+    check_rest_at_switches,
+)
 from dvr_jax.checker.kinds import PENETRATION
-from dvr_jax.checker.objects import check_attachment, check_start_and_speed, check_switch
+from dvr_jax.checker.motion_contacts import GeomPoses, find_contacts
+from dvr_jax.checker.objects import (
+    check_attachment,
+    check_start_and_speed,
+    check_switch,
+)
 from dvr_jax.checker.operators import CHECKS, OperatorCheck
 from dvr_jax.checker.replayed_motion import ReplayedMotion, state_layout
 from dvr_jax.checker.report import CheckReport, FindingLog
@@ -40,7 +49,10 @@ __all__ = ["DEEPEST_CONTACT", "check_motion"]
 
 
 def check_motion(
-    scene: Scene, actions: Sequence[Action], motion: Motion, operators: Sequence[OperatorCheck] = CHECKS
+    scene: Scene,
+    actions: Sequence[Action],
+    motion: Motion,
+    operators: Sequence[OperatorCheck] = CHECKS,
 ) -> CheckReport:
     """Check a motion that claims to carry out actions from a scene's initial state to its goal.
 
@@ -120,7 +132,13 @@ def _replay(scene: Scene, motion: Motion, log: FindingLog) -> tuple[ReplayedMoti
         first, second = contacts.geoms[contact]
         names = tuple(sorted((labels[first], labels[second])))
         depth = -float(contacts.distance[contact])
-        log.add(PENETRATION, int(sample[contacts.state[contact]]), names, depth, DEEPEST_CONTACT)
+        log.add(
+            PENETRATION,
+            int(sample[contacts.state[contact]]),
+            names,
+            depth,
+            DEEPEST_CONTACT,
+        )
 
     # The last of the states that lead to a sample is the sample itself.
     is_sample = np.append(np.diff(sample) > 0, True)
@@ -153,7 +171,14 @@ def _all_poses(model: mujoco.MjModel, states: Float[np.ndarray, "states nq"]) ->
     """Compute the forward kinematics of all states."""
     data = mujoco.MjData(model)
     # MuJoCo writes every state's poses into the same arrays, so they are looked up once.
-    sources = (data.xpos, data.xmat, data.site_xpos, data.site_xmat, data.geom_xpos, data.geom_xmat)
+    sources = (
+        data.xpos,
+        data.xmat,
+        data.site_xpos,
+        data.site_xmat,
+        data.geom_xpos,
+        data.geom_xmat,
+    )
     poses = [np.empty((len(states), *source.shape)) for source in sources]
     for index, qpos in enumerate(states):
         data.qpos[:] = qpos

@@ -87,7 +87,14 @@ class FindingLog:
     worst: dict[tuple[str, tuple[str, ...]], Finding] = field(default_factory=dict)
     """Worst finding of each kind and names."""
 
-    def add(self, kind: FindingKind, sample: int, names: tuple[str, ...], value: float, limit: float) -> None:
+    def add(
+        self,
+        kind: FindingKind,
+        sample: int,
+        names: tuple[str, ...],
+        value: float,
+        limit: float,
+    ) -> None:
         """Keep a value that exceeds its limit, unless a worse one of its kind and names is known.
 
         Args:
@@ -128,4 +135,9 @@ class FindingLog:
 
     def findings(self) -> tuple[Finding, ...]:
         """Return all findings in the order of their times, kinds and names."""
-        return tuple(sorted(self.worst.values(), key=lambda finding: (finding.time, finding.kind, finding.names)))
+        return tuple(
+            sorted(
+                self.worst.values(),
+                key=lambda finding: (finding.time, finding.kind, finding.names),
+            )
+        )

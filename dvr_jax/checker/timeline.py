@@ -5,7 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
-from dvr_jax.checker.operators.operator import AttachmentInterval, OperatorCheck, Standing, Timeline
+from dvr_jax.checker.operators.operator import (
+    AttachmentInterval,
+    OperatorCheck,
+    Standing,
+    Timeline,
+)
 from dvr_jax.checker.operators.parameter import Arguments, Parameter
 from dvr_jax.checker.operators.start import START_CHECK
 from dvr_jax.errors import MotionError
@@ -15,7 +20,10 @@ from dvr_jax.scene.types import Scene
 
 
 def attachment_timeline(
-    scene: Scene, actions: Sequence[Action], motion: Motion, operators: Sequence[OperatorCheck]
+    scene: Scene,
+    actions: Sequence[Action],
+    motion: Motion,
+    operators: Sequence[OperatorCheck],
 ) -> Timeline:
     """Divide a motion into the intervals in which objects keep their attachments.
 

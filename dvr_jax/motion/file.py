@@ -47,7 +47,13 @@ def load_motion(path: str | Path) -> Motion:
         # NumPy's reader does not name the file when it seeks beyond the end of a broken one.
         error.filename = str(path)
         raise MotionError(describe_os_error(error)) from None
-    except (ValueError, EOFError, zipfile.BadZipFile, zlib.error, RuntimeError) as error:
+    except (
+        ValueError,
+        EOFError,
+        zipfile.BadZipFile,
+        zlib.error,
+        RuntimeError,
+    ) as error:
         reason = " ".join(str(error).split()).rstrip(".") or "it ends too early"
         raise MotionError(f"{path} holds no motion: {reason}.") from None
 

@@ -2,8 +2,8 @@
 
 The curve is the monotone piecewise cubic interpolant of Fritsch and Butland, "A method for constructing local monotone
 piecewise cubic interpolants" (SIAM Journal on Scientific and Statistical Computing 5, 1984). Between two slices each
-joint angle stays between its values at the two slices, so the curve keeps within the joint limits, and an arm that rests
-between two slices stays at rest.
+joint angle stays between its values at the two slices. Hence the curve keeps within the joint limits, and an arm that
+has the same posture at two slices rests between them.
 """
 
 from __future__ import annotations

@@ -52,7 +52,11 @@ def make_motion(time: object, qpos: object, switch: object) -> Motion:
     Raises:
         MotionError: The arrays are no motion; the message names the first broken rule.
     """
-    motion = Motion(_as_floats("time", time), _as_floats("qpos", qpos), _as_integers("switch", switch))
+    motion = Motion(
+        _as_floats("time", time),
+        _as_floats("qpos", qpos),
+        _as_integers("switch", switch),
+    )
     validate_motion(motion)
     return motion
 
@@ -66,7 +70,11 @@ def validate_motion(motion: Motion) -> None:
 
 
 def _validate_shapes(motion: Motion) -> None:
-    for name, array, axes in (("time", motion.time, 1), ("qpos", motion.qpos, 2), ("switch", motion.switch, 1)):
+    for name, array, axes in (
+        ("time", motion.time, 1),
+        ("qpos", motion.qpos, 2),
+        ("switch", motion.switch, 1),
+    ):
         if array.ndim != axes:
             raise MotionError(f"the motion's {name} has shape {array.shape}; valid is an array with {axes} axes.")
 
@@ -112,14 +120,14 @@ def _validate_switches(motion: Motion) -> None:
         )
 
 
-def _as_floats(name: str, values: object) -> Float[np.ndarray, "..."]:
+def _as_floats(name: str, values: object) -> Float[np.ndarray, "*shape"]:
     try:
         return np.array(values, dtype=np.float64)
     except (TypeError, ValueError):
         raise MotionError(f"the motion's {name} does not hold numbers; valid are real numbers.") from None
 
 
-def _as_integers(name: str, values: object) -> Int[np.ndarray, "..."]:
+def _as_integers(name: str, values: object) -> Int[np.ndarray, "*shape"]:
     array = np.asarray(values)
     # An empty list becomes an array of floats, which is no mistake of the caller.
     if array.size and not np.issubdtype(array.dtype, np.integer):

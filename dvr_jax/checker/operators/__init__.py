@@ -10,7 +10,14 @@ from dvr_jax.checker.operators.operator import (
     Standing,
     Timeline,
 )
-from dvr_jax.checker.operators.parameter import ARM, FACE, OBJECT, SUPPORT, Arguments, Parameter
+from dvr_jax.checker.operators.parameter import (
+    ARM,
+    FACE,
+    OBJECT,
+    SUPPORT,
+    Arguments,
+    Parameter,
+)
 from dvr_jax.checker.operators.place import PLACE_CHECK
 
 CHECKS: tuple[OperatorCheck, ...] = (GRASP_CHECK, PLACE_CHECK)

@@ -1,7 +1,8 @@
 """The check of grasp(arm, face, object): a gripper closes on an object that stands or that another arm holds.
 
-At the switch the gripper center lies in the object, the closing axis is the normal of the named face (or of a cylinder's
-side, through its axis), and the object fits between the fingers. From the switch on the fingers are closed on its sides.
+At the switch the gripper center lies in the object, the closing axis is the normal of the named face, and the object
+fits between the fingers. For a cylinder, the closing axis is horizontal and passes through the cylinder's own axis. From
+the switch on the fingers are closed on the object's sides.
 """
 
 from __future__ import annotations
@@ -11,8 +12,19 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Bool, Float
 
-from dvr_jax.checker.kinds import CLOSING_AXIS, CLOSING_OFFSET, GRIP, GRIPPER_CENTER, WIDTH
-from dvr_jax.checker.operators.operator import AttachmentInterval, Held, OperatorCheck, Timeline
+from dvr_jax.checker.kinds import (
+    CLOSING_AXIS,
+    CLOSING_OFFSET,
+    GRIP,
+    GRIPPER_CENTER,
+    WIDTH,
+)
+from dvr_jax.checker.operators.operator import (
+    AttachmentInterval,
+    Held,
+    OperatorCheck,
+    Timeline,
+)
 from dvr_jax.checker.operators.parameter import ARM, FACE, OBJECT, Arguments
 from dvr_jax.checker.replayed_motion import ReplayedMotion
 from dvr_jax.checker.report import FindingLog
@@ -43,7 +55,12 @@ def _arm(motion: ReplayedMotion, interval: AttachmentInterval) -> int:
     return motion.scene.workcell.arm_index(interval.arguments["arm"])
 
 
-def _check(motion: ReplayedMotion, timeline: Timeline, interval: AttachmentInterval, log: FindingLog) -> None:
+def _check(
+    motion: ReplayedMotion,
+    timeline: Timeline,
+    interval: AttachmentInterval,
+    log: FindingLog,
+) -> None:
     _check_switch(motion, interval, log)
     _check_fingers(motion, interval, timeline.after(interval), log)
 
@@ -78,7 +95,10 @@ def _check_switch(motion: ReplayedMotion, interval: AttachmentInterval, log: Fin
 
 
 def _check_fingers(
-    motion: ReplayedMotion, interval: AttachmentInterval, following: AttachmentInterval | None, log: FindingLog
+    motion: ReplayedMotion,
+    interval: AttachmentInterval,
+    following: AttachmentInterval | None,
+    log: FindingLog,
 ) -> None:
     """Check that the fingers stay closed on the object.
 
@@ -89,7 +109,10 @@ def _check_fingers(
     if following is not None:
         gap = np.where(following.operator.secured(motion, following), 0.0, gap)
 
-    names = (motion.object_label(interval.object), motion.arm_name(_arm(motion, interval)))
+    names = (
+        motion.object_label(interval.object),
+        motion.arm_name(_arm(motion, interval)),
+    )
     within = slice(interval.start, interval.end)
     log.add_worst(GRIP, interval.start, names, gap[within], GRIP_TOLERANCE)
 

@@ -98,7 +98,10 @@ class Timeline:
 
     def last(self, index: int) -> AttachmentInterval:
         """Return the interval that an object ends in."""
-        return max((other for other in self.intervals if other.object == index), key=lambda other: other.end)
+        return max(
+            (other for other in self.intervals if other.object == index),
+            key=lambda other: other.end,
+        )
 
 
 def in_place(motion: ReplayedMotion, interval: AttachmentInterval) -> Bool[np.ndarray, " samples"]:

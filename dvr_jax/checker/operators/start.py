@@ -4,7 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from dvr_jax.checker.operators.operator import AttachmentInterval, OperatorCheck, Standing, Timeline
+from dvr_jax.checker.operators.operator import (
+    AttachmentInterval,
+    OperatorCheck,
+    Standing,
+    Timeline,
+)
 from dvr_jax.checker.operators.parameter import Arguments
 from dvr_jax.checker.replayed_motion import ReplayedMotion
 from dvr_jax.checker.report import FindingLog
@@ -19,7 +24,12 @@ def _attachment(scene: Scene, arguments: Arguments) -> Standing:
     return Standing()
 
 
-def _check(motion: ReplayedMotion, timeline: Timeline, interval: AttachmentInterval, log: FindingLog) -> None:
+def _check(
+    motion: ReplayedMotion,
+    timeline: Timeline,
+    interval: AttachmentInterval,
+    log: FindingLog,
+) -> None:
     """Require nothing more; `dvr_jax.checker.objects` compares the first sample with the scene."""
 
 

@@ -5,18 +5,32 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from dvr_jax.checker.shapes.shape import FACE_NORMALS, Outline, ShapeCheck, Size, register_shape_check
+from dvr_jax.checker.shapes.shape import (
+    FACE_NORMALS,
+    Outline,
+    ShapeCheck,
+    Size,
+    register_shape_check,
+)
 
 
 def _half_extents(size: Size) -> Float[np.ndarray, " 3"]:
     return np.array(size) / 2
 
 
-def _lowest_point(size: Size, position: Float[np.ndarray, " 3"], rotation: Float[np.ndarray, "3 3"]) -> float:
+def _lowest_point(
+    size: Size,
+    position: Float[np.ndarray, " 3"],
+    rotation: Float[np.ndarray, "3 3"],
+) -> float:
     return float(position[2] - np.abs(rotation[2]) @ _half_extents(size))
 
 
-def _bottom_outline(size: Size, position: Float[np.ndarray, " 3"], rotation: Float[np.ndarray, "3 3"]) -> Outline:
+def _bottom_outline(
+    size: Size,
+    position: Float[np.ndarray, " 3"],
+    rotation: Float[np.ndarray, "3 3"],
+) -> Outline:
     signs = np.array([[-1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [1.0, -1.0, -1.0], [1.0, 1.0, -1.0]])
     corners = position + (signs * _half_extents(size)) @ rotation.T
     return Outline(corners[:, :2], 0.0)

@@ -8,17 +8,30 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from dvr_jax.checker.shapes.shape import Outline, ShapeCheck, Size, register_shape_check
+from dvr_jax.checker.shapes.shape import (
+    Outline,
+    ShapeCheck,
+    Size,
+    register_shape_check,
+)
 
 
-def _lowest_point(size: Size, position: Float[np.ndarray, " 3"], rotation: Float[np.ndarray, "3 3"]) -> float:
+def _lowest_point(
+    size: Size,
+    position: Float[np.ndarray, " 3"],
+    rotation: Float[np.ndarray, "3 3"],
+) -> float:
     radius = size[0]
     half_height = size[1] / 2
     tilt = np.hypot(rotation[2, 0], rotation[2, 1])
     return float(position[2] - abs(rotation[2, 2]) * half_height - tilt * radius)
 
 
-def _bottom_outline(size: Size, position: Float[np.ndarray, " 3"], rotation: Float[np.ndarray, "3 3"]) -> Outline:
+def _bottom_outline(
+    size: Size,
+    position: Float[np.ndarray, " 3"],
+    rotation: Float[np.ndarray, "3 3"],
+) -> Outline:
     middle = position - rotation[:, 2] * (size[1] / 2)
     return Outline(middle[None, :2], size[0])
 
