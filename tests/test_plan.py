@@ -16,7 +16,7 @@ from dvr_jax.cli import plan as command
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import Action
 from dvr_jax.model.predictor import load_network
-from dvr_jax.motion.motion import load_motion
+from dvr_jax.motion import load_motion
 from dvr_jax.scene.files import Goal, Region, SceneObject, load_scene, make_scene, save_scene
 
 NEAR = make_scene(

@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 import tyro
 
 from dvr_jax.errors import DvrError, run_command
-from dvr_jax.motion.motion import save_motion
+from dvr_jax.motion import save_motion
 from dvr_jax.planning.planner import Plan, plan
 from dvr_jax.runtime.files import require_folder
 from dvr_jax.scene.files import load_scene, scene_to_json

@@ -1,4 +1,10 @@
-"""The curve in joint space through the slices of a path."""
+"""The curve of joint angles through the slices of a path, which a motion follows between them.
+
+The curve is the monotone piecewise cubic interpolant of Fritsch and Butland, "A method for constructing local monotone
+piecewise cubic interpolants" (SIAM Journal on Scientific and Statistical Computing 5, 1984). Between two slices each
+joint angle stays between its values at the two slices. Hence the curve keeps within the joint limits, and an arm that
+has the same posture at two slices rests between them.
+"""
 
 from __future__ import annotations
 
@@ -8,14 +14,16 @@ from scipy.interpolate import PchipInterpolator
 
 
 def joint_curve(home: Float[np.ndarray, " joints"], q: Float[np.ndarray, "slices joints"]) -> PchipInterpolator:
-    """The motion's joint angles over the slices 0 (home) to T, from those at the slices 1 to T.
-
-    A monotone cubic keeps within the joint limits, and an arm that rests between two slices at rest. The arms have been at
-    home before, so that they start from rest.
+    """Interpolate the joint angles of a path over its slices.
 
     Args:
-        home: Joint angles at the start [rad].
-        q: Joint angles at the slices [rad].
+        home: Joint angles of all arms at slice 0 [rad].
+        q: Joint angles at the slices 1 to T [rad].
+
+    Returns:
+        A function from slice numbers in [0, T], which need not be whole, to joint angles [rad].
     """
-    times = np.arange(-1, len(q) + 1)
-    return PchipInterpolator(times, np.concatenate([home[None], home[None], q]), axis=0)
+    # One more slice at home before slice 0 makes the arms start from rest.
+    slices = np.arange(-1, len(q) + 1)
+    angles = np.concatenate([home[None], home[None], q])
+    return PchipInterpolator(slices, angles, axis=0)

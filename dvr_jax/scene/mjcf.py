@@ -11,8 +11,7 @@ Bodies and geoms: "left/..." and "right/..." as in `panda.xml`; "table"; "object
 import copy
 import math
 from dataclasses import dataclass
-from functools import cache, lru_cache
-from importlib.resources import files
+from functools import lru_cache
 from urllib.parse import quote, unquote
 
 import mujoco
@@ -22,16 +21,8 @@ from numpy.typing import NDArray
 from dvr_jax.errors import DvrError
 from dvr_jax.scene.colours import GOAL_COLOUR, object_colours
 from dvr_jax.scene.pinhole import SCENE_CAMERA
-from dvr_jax.scene.types import Scene, SceneObject
-from dvr_jax.workcell.constants import (
-    ARM_NAMES,
-    BASE_POSITIONS,
-    BASE_YAWS,
-    FINGER_OPEN,
-    NUMBER_OF_JOINTS,
-    TABLE_HALF_EXTENTS,
-    TABLE_THICKNESS,
-)
+from dvr_jax.scene.types import FixedBody, Scene, SceneObject
+from dvr_jax.workcell.workcell import Workcell
 
 GOAL_GROUP, SOLID_GROUP, LOOKS_GROUP, COLLISION_GROUP = 0, 1, 2, 3
 """Geom groups, as listed in the module's docstring."""
@@ -72,14 +63,15 @@ class Layout:
         return int(self.arm_joints.size + self.fingers.size + self.objects.size)
 
 
-def qpos_layout(number_of_objects: int) -> Layout:
-    """The layout of a scene with so many objects."""
-    arm_stride = NUMBER_OF_JOINTS + 2
-    starts = np.arange(2)[:, None] * arm_stride
-    first_object = 2 * arm_stride
+def qpos_layout(workcell: Workcell, number_of_objects: int) -> Layout:
+    """The layout of a scene in this workcell with so many objects."""
+    joints = workcell.robot.number_of_joints
+    arms = workcell.number_of_arms
+    starts = np.arange(arms)[:, None] * (joints + 2)
+    first_object = arms * (joints + 2)
     return Layout(
-        arm_joints=starts + np.arange(NUMBER_OF_JOINTS),
-        fingers=starts + NUMBER_OF_JOINTS + np.arange(2),
+        arm_joints=starts + np.arange(joints),
+        fingers=starts + joints + np.arange(2),
         objects=first_object + np.arange(7 * number_of_objects).reshape(number_of_objects, 7),
     )
 
@@ -89,12 +81,12 @@ def object_body_name(name: str) -> str:
     return "object/" + quote(name, safe="", errors="surrogatepass")
 
 
-def home_qpos(scene: Scene, finger_travel: float = FINGER_OPEN) -> NDArray[np.float64]:
+def home_qpos(scene: Scene, finger_travel: float | None = None) -> NDArray[np.float64]:
     """The scene's initial state (nq): home postures, open fingers, objects upright where they stand."""
-    layout = qpos_layout(len(scene.objects))
+    layout = qpos_layout(scene.workcell, len(scene.objects))
     qpos = np.zeros(layout.size)
     qpos[layout.arm_joints] = scene.home
-    qpos[layout.fingers] = finger_travel
+    qpos[layout.fingers] = scene.workcell.robot.finger_travel if finger_travel is None else finger_travel
     for indices, item in zip(layout.objects, scene.objects, strict=True):
         qpos[indices] = [*item.center, *_yaw_quaternion(item.yaw)]
     return qpos
@@ -113,19 +105,22 @@ def build_model_spec(scene: Scene) -> mujoco.MjSpec:
     mujoco.mju_mat2Quat(quaternion, SCENE_CAMERA.rotation().ravel())
     fovy = math.degrees(SCENE_CAMERA.field_of_view)  # MjSpec takes it in degrees, whatever the compiler is told
     world.add_camera(name="scene", pos=list(SCENE_CAMERA.position), quat=quaternion, fovy=fovy)
-    table_half = [*TABLE_HALF_EXTENTS, TABLE_THICKNESS / 2]
-    table = world.add_body(name="table", pos=[0.0, 0.0, -TABLE_THICKNESS / 2])
+    slab = scene.workcell.table
+    table_half = [*slab.half_extents, slab.thickness / 2]
+    table = world.add_body(name="table", pos=[0.0, 0.0, -slab.thickness / 2])
     table.add_geom(
         name="table", type=mujoco.mjtGeom.mjGEOM_BOX, size=table_half, group=SOLID_GROUP, rgba=[0.80, 0.77, 0.72, 1.0]
     )
-    for arm, position, yaw in zip(ARM_NAMES, BASE_POSITIONS, BASE_YAWS, strict=True):
-        frame = world.add_frame(pos=[*position, 0.0], quat=_yaw_quaternion(yaw))
-        spec.attach(_panda_spec().copy(), prefix=f"{arm}/", frame=frame)
+    for arm in scene.workcell.arms:
+        frame = world.add_frame(pos=[*arm.position, 0.0], quat=_yaw_quaternion(arm.yaw))
+        spec.attach(mujoco.MjSpec.from_string(scene.workcell.robot.mjcf), prefix=f"{arm.name}/", frame=frame)
+    for body in scene.fixed:
+        _add_fixed(world, body)
     for item, colour in zip(scene.objects, object_colours(scene), strict=True):
         _add_object(world, item, colour)
     _add_goal(world, scene)
     qpos = home_qpos(scene)
-    arms = qpos[: 2 * (NUMBER_OF_JOINTS + 2)]  # one actuator a joint, in the joints' order
+    arms = qpos[: qpos_layout(scene.workcell, 0).size]  # one actuator a joint, in the joints' order
     spec.add_key(name="home", qpos=qpos, ctrl=arms)
     return spec
 
@@ -175,11 +170,20 @@ def _add_object(world: mujoco.MjsBody, item: SceneObject, colour: tuple[float, f
     name = object_body_name(item.name)
     body = world.add_body(name=name, pos=list(item.center), quat=_yaw_quaternion(item.yaw))
     body.add_freejoint(name=f"{name}/joint")
-    if item.shape == "box":
-        kind, size = mujoco.mjtGeom.mjGEOM_BOX, list(item.half_extents)
-    else:
-        kind, size = mujoco.mjtGeom.mjGEOM_CYLINDER, [item.size[0], item.height / 2, 0.0]
+    kind, size = _geom(item)
     body.add_geom(name=name, type=kind, size=size, group=SOLID_GROUP, rgba=[*colour, 1.0], density=300.0, condim=4)
+
+
+def _geom(item: SceneObject | FixedBody) -> tuple[mujoco.mjtGeom, list[float]]:
+    name, size = item.kind.mujoco_geom(item.size)
+    return getattr(mujoco.mjtGeom, f"mjGEOM_{name.upper()}"), [*size, 0.0][:3]
+
+
+def _add_fixed(world: mujoco.MjsBody, item: FixedBody) -> None:
+    name = "fixed/" + quote(item.name, safe="", errors="surrogatepass")
+    body = world.add_body(name=name, pos=list(item.position), quat=_yaw_quaternion(item.yaw))
+    kind, size = _geom(item)
+    body.add_geom(name=name, type=kind, size=size, group=SOLID_GROUP)
 
 
 def _add_goal(world: mujoco.MjsBody, scene: Scene) -> None:
@@ -199,8 +203,3 @@ def _add_goal(world: mujoco.MjsBody, scene: Scene) -> None:
 
 def _yaw_quaternion(yaw: float) -> list[float]:
     return [float(np.cos(yaw / 2)), 0.0, 0.0, float(np.sin(yaw / 2))]
-
-
-@cache
-def _panda_spec() -> mujoco.MjSpec:
-    return mujoco.MjSpec.from_string((files("dvr_jax.workcell.panda") / "panda.xml").read_text(encoding="utf-8"))

@@ -8,13 +8,16 @@ import pytest
 from numpy.typing import NDArray
 
 from dvr_jax.logic import Action
-from dvr_jax.motion.motion import Motion, make_motion
-from dvr_jax.scene.files import Goal, Region, Scene, SceneObject, make_scene
+from dvr_jax.motion import Motion, make_motion
 from dvr_jax.scene.mjcf import build_model, home_qpos, qpos_layout
-from dvr_jax.workcell.constants import ARM_NAMES, FINGER_OPEN, JOINT_LOWER, JOINT_UPPER
+from dvr_jax.scene.types import FixedBody, OnRegion, Region, Scene, SceneObject
+from dvr_jax.workcell.workcell import SIDE_BY_SIDE_WORKCELL, SINGLE_ARM_WORKCELL
 
 STEP = 0.02
 """Seconds between samples."""
+
+OPEN = 0.04
+"""Travel of an open finger [m]."""
 
 Floats = NDArray[np.float64]
 
@@ -32,8 +35,10 @@ class Puppet:
     def __post_init__(self) -> None:
         self.model = build_model(self.scene)
         self.data = mujoco.MjData(self.model)
-        self.layout = qpos_layout(len(self.scene.objects))
+        self.layout = qpos_layout(self.scene.workcell, len(self.scene.objects))
         self.qpos = home_qpos(self.scene)
+        self.arm_names = self.scene.workcell.arm_names
+        self.limits = self.scene.workcell.robot.joint_limits
         self.samples.append(self.qpos.copy())
 
     def gripper(self, arm: int, qpos: Floats) -> tuple[Floats, Floats]:
@@ -41,7 +46,7 @@ class Puppet:
         self.data.qpos[:] = qpos
         mujoco.mj_kinematics(self.model, self.data)
         mujoco.mj_comPos(self.model, self.data)
-        site = self.data.site(f"{ARM_NAMES[arm]}/gripper")
+        site = self.data.site(f"{self.arm_names[arm]}/gripper")
         return site.xmat.reshape(3, 3).copy(), site.xpos.copy()
 
     def reach(self, arm: int, rotation: Floats, position: Floats) -> None:
@@ -63,10 +68,10 @@ class Puppet:
     def solve(self, arm: int, rotation: Floats, position: Floats, start: Floats) -> Floats | None:
         """Joint angles (7) by damped Newton steps from a start, or None."""
         index = self.layout.arm_joints[arm]
-        site = self.model.site(f"{ARM_NAMES[arm]}/gripper").id
-        dofs = [self.model.joint(f"{ARM_NAMES[arm]}/joint{j + 1}").dofadr[0] for j in range(7)]
+        site = self.model.site(f"{self.arm_names[arm]}/gripper").id
+        dofs = [self.model.joint(f"{self.arm_names[arm]}/joint{j + 1}").dofadr[0] for j in range(7)]
         qpos, jacobian = self.qpos.copy(), np.zeros((6, self.model.nv))
-        qpos[index] = np.clip(start, JOINT_LOWER, JOINT_UPPER)
+        qpos[index] = np.clip(start, *self.limits)
         for _ in range(100):
             R, p = self.gripper(arm, qpos)
             quaternion, turn = np.zeros(4), np.zeros(3)
@@ -79,7 +84,7 @@ class Puppet:
             J = jacobian[:, dofs]
             step = J.T @ np.linalg.solve(J @ J.T + 1e-4 * np.eye(6), error)
             qpos[index] += step * min(1.0, 0.2 / np.abs(step).max())
-            qpos[index] = np.clip(qpos[index], JOINT_LOWER, JOINT_UPPER)
+            qpos[index] = np.clip(qpos[index], *self.limits)
         return None
 
     def fingers(self, arm: int, travel: float) -> None:
@@ -136,7 +141,7 @@ def hand(closing: tuple[float, float, float], approach: tuple[float, float, floa
 def carry_to_goal(item: SceneObject, half_width: float, offset: float = 0.0) -> Case:
     """The left arm carries an object onto the goal; a can stands by. `offset`: of the grasp, along the hand's x."""
     can = SceneObject("can", "cylinder", (0.03, 0.12), (0.25, 0.25), 0.0)
-    scene = make_scene([item, can], Goal(item.name, Region((-0.15, -0.20), 0.2, (0.14, 0.14))))
+    scene = Scene((item, can), OnRegion(item.name, Region((-0.15, -0.20), 0.2, (0.14, 0.14))))
     puppet = Puppet(scene)
     down = (0.0, 0.0, -1.0)
     above = hand((np.cos(0.3), np.sin(0.3), 0.0), down)
@@ -149,7 +154,7 @@ def carry_to_goal(item: SceneObject, half_width: float, offset: float = 0.0) -> 
     puppet.reach(0, turned, np.array([-0.15, -0.20, 0.165]) + offset * turned[:, 0])
     puppet.reach(0, turned, np.array([-0.15, -0.20, 0.065]) + offset * turned[:, 0])
     puppet.release(0)
-    puppet.fingers(0, FINGER_OPEN)
+    puppet.fingers(0, OPEN)
     puppet.reach(0, turned, np.array([-0.15, -0.20, 0.17]))
     actions = (Action("grasp", ("left", "+x", item.name)), Action("place", ("left", item.name, "goal")))
     return Case(scene, actions, puppet.motion())
@@ -177,7 +182,7 @@ def carry_beside() -> Case:
 def handover() -> Case:
     """The left arm lifts a bar at one end, the right arm takes it at the other and puts it down on the goal."""
     bar = SceneObject("bar", "box", (0.24, 0.05, 0.06), (-0.25, 0.0), 0.0)
-    scene = make_scene([bar], Goal("bar", Region((0.15, -0.15), 0.0, (0.27, 0.08))))
+    scene = Scene((bar,), OnRegion("bar", Region((0.15, -0.15), 0.0, (0.27, 0.08))))
     puppet = Puppet(scene)
     from_left = hand((0.0, -1.0, 0.0), (0.0, 0.0, -1.0))
     from_right = hand((0.0, 1.0, 0.0), (0.0, 0.0, -1.0))
@@ -190,7 +195,7 @@ def handover() -> Case:
     puppet.reach(1, from_right, np.array([0.09, 0.0, 0.33]))
     puppet.fingers(1, 0.025)
     puppet.attach(1, 0)
-    puppet.fingers(0, FINGER_OPEN)
+    puppet.fingers(0, OPEN)
     puppet.reach(0, from_left, np.array([-0.15, 0.0, 0.45]))
     puppet.reach(1, from_right, np.array([0.24, -0.15, 0.15]))
     puppet.reach(1, from_right, np.array([0.24, -0.15, 0.04]))

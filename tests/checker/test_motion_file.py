@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dvr_jax.errors import DvrError
-from dvr_jax.motion.motion import Motion, load_motion, make_motion, save_motion
+from dvr_jax.errors import MotionError
+from dvr_jax.motion import Motion, load_motion, make_motion, save_motion
 
 TIME = np.arange(5) * 0.02
 QPOS = np.arange(125.0).reshape(5, 25)
@@ -49,12 +49,12 @@ def test_single_precision_time_is_uniform_enough() -> None:
     ],
 )
 def test_broken_arrays_are_refused(time: Any, qpos: Any, switch: Any, message: str) -> None:
-    with pytest.raises(DvrError, match=message):
+    with pytest.raises(MotionError, match=message):
         make_motion(time, qpos, switch)
 
 
 def test_a_broken_motion_is_not_saved(tmp_path: Path) -> None:
-    with pytest.raises(DvrError, match="increasing"):
+    with pytest.raises(MotionError, match="increasing"):
         save_motion(tmp_path / "motion.npz", Motion(TIME, QPOS, np.array([9])))
     assert not (tmp_path / "motion.npz").exists()
 
@@ -62,26 +62,26 @@ def test_a_broken_motion_is_not_saved(tmp_path: Path) -> None:
 def test_broken_files_are_refused(tmp_path: Path) -> None:
     good = tmp_path / "good.npz"
     save_motion(good, make_motion(TIME, QPOS, [1]))
-    with pytest.raises(DvrError, match="No such file"):
+    with pytest.raises(MotionError, match="No such file"):
         load_motion(tmp_path / "none.npz")
-    with pytest.raises(DvrError, match="Is a directory"):
+    with pytest.raises(MotionError, match="Is a directory"):
         load_motion(tmp_path)
     for content in (b"", b"hello", good.read_bytes()[:200], good.read_bytes()[:-40], _flipped(good.read_bytes())):
         (tmp_path / "bad.npz").write_bytes(content)
-        with pytest.raises(DvrError, match=r"bad\.npz") as caught:
+        with pytest.raises(MotionError, match=r"bad\.npz") as caught:
             load_motion(tmp_path / "bad.npz")
         assert "\n" not in str(caught.value)
     np.save(tmp_path / "array.npy", TIME)
-    with pytest.raises(DvrError, match=r"is no \.npz archive"):
+    with pytest.raises(MotionError, match=r"is no \.npz archive"):
         load_motion(tmp_path / "array.npy")
     np.savez(tmp_path / "part.npz", time=TIME)
-    with pytest.raises(DvrError, match="lacks qpos, switch"):
+    with pytest.raises(MotionError, match="lacks qpos, switch"):
         load_motion(tmp_path / "part.npz")
     np.savez(tmp_path / "objects.npz", time=TIME, qpos=np.array([{}], dtype=object), switch=[1])
-    with pytest.raises(DvrError, match=r"objects\.npz"):
+    with pytest.raises(MotionError, match=r"objects\.npz"):
         load_motion(tmp_path / "objects.npz")
     np.savez(tmp_path / "short.npz", time=TIME, qpos=QPOS[:3], switch=[1])
-    with pytest.raises(DvrError, match=r"short\.npz: the motion has 5 times, but 3 states"):
+    with pytest.raises(MotionError, match=r"short\.npz: the motion has 5 times, but 3 states"):
         load_motion(tmp_path / "short.npz")
 
 

@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 
 from dvr_jax.logic import Action
-from dvr_jax.motion.motion import Motion
+from dvr_jax.motion import Motion
 from dvr_jax.scene.mjcf import qpos_layout
+from dvr_jax.workcell.workcell import DEFAULT_WORKCELL
 
 Case = Any  # of conftest, which tests cannot import by name
 
-LAYOUT = qpos_layout(2)
+LAYOUT = qpos_layout(DEFAULT_WORKCELL, 2)
 YELLOW, CAN = LAYOUT.objects
 RIGHT_JOINT_7 = LAYOUT.arm_joints[1, 6]
 
@@ -248,7 +249,7 @@ CASES: list[tuple[Callable[[Case], Case], set[tuple[str, tuple[str, ...]]]]] = [
     (
         grasped_outside,
         {
-            ("gripper centre", BY_LEFT),
+            ("gripper center", BY_LEFT),
             ("switch shift", YELLOW_NAME),
             ("object speed", YELLOW_NAME),
             ("slip shift", BY_LEFT),
