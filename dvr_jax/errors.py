@@ -18,6 +18,10 @@ class DvrError(Exception):
     """Bad input, refused at the edge: one sentence with the culprit, its value and what would be valid."""
 
 
+class SceneError(DvrError):
+    """A scene that cannot be: its file, its objects, its goal or its workcell."""
+
+
 def describe_os_error(error: OSError) -> str:
     """One sentence for a file that is missing, unreadable or unwritable, naming the file where it is known."""
     reason = error.strerror or str(error) or type(error).__name__
