@@ -123,7 +123,10 @@ class _VersionRecord(Record):
     version: Literal[1, 2]
 
 
-_FORMATS: dict[int, type[SceneRecord1] | type[SceneRecord2]] = {1: SceneRecord1, 2: SceneRecord2}
+_FORMATS: dict[int, type[SceneRecord1] | type[SceneRecord2]] = {
+    1: SceneRecord1,
+    2: SceneRecord2,
+}
 
 _PLACES: dict[str, type[Record]] = {
     "objects[]": ObjectRecord,

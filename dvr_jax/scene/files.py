@@ -198,7 +198,13 @@ def _workcell_of_home(home: HomeRecord) -> Workcell:
 def _workcell_of(record: WorkcellRecord) -> Workcell:
     robot = robot_named(record.robot)
     arms = tuple(
-        Arm(arm.name, arm.position, arm.yaw, robot.home if arm.home is None else arm.home) for arm in record.arms
+        Arm(
+            arm.name,
+            arm.position,
+            arm.yaw,
+            robot.home if arm.home is None else arm.home,
+        )
+        for arm in record.arms
     )
     table = Table() if record.table is None else Table(record.table.half_extents, record.table.thickness)
 
@@ -234,7 +240,12 @@ def _workcell_record(workcell: Workcell) -> WorkcellRecord:
         raise SceneError(f"another robot is registered as '{robot.name}'; a scene file cannot refer to this one.")
 
     arms = tuple(
-        ArmRecord(arm.name, arm.position, arm.yaw, None if arm.home == robot.home else arm.home)
+        ArmRecord(
+            arm.name,
+            arm.position,
+            arm.yaw,
+            None if arm.home == robot.home else arm.home,
+        )
         for arm in workcell.arms
     )
     table = workcell.table

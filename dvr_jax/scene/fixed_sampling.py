@@ -122,7 +122,15 @@ def _draw_wall(generator: np.random.Generator, scene: Scene, most: int) -> tuple
     height = generator.uniform(*WALL_HEIGHT)
     x, y, yaw = _draw_pose(generator, scene)
 
-    return (FixedBody(_new_names(scene, "wall", 1)[0], "box", (length, thickness, height), (x, y, height / 2), yaw),)
+    return (
+        FixedBody(
+            _new_names(scene, "wall", 1)[0],
+            "box",
+            (length, thickness, height),
+            (x, y, height / 2),
+            yaw,
+        ),
+    )
 
 
 def _draw_board(generator: np.random.Generator, scene: Scene, most: int) -> tuple[FixedBody, ...]:
@@ -132,7 +140,15 @@ def _draw_board(generator: np.random.Generator, scene: Scene, most: int) -> tupl
     center = generator.uniform(*BOARD_HEIGHT) + thickness / 2
     x, y, yaw = _draw_pose(generator, scene)
 
-    return (FixedBody(_new_names(scene, "board", 1)[0], "box", (length, depth, thickness), (x, y, center), yaw),)
+    return (
+        FixedBody(
+            _new_names(scene, "board", 1)[0],
+            "box",
+            (length, depth, thickness),
+            (x, y, center),
+            yaw,
+        ),
+    )
 
 
 def _draw_rim(generator: np.random.Generator, scene: Scene, most: int) -> tuple[FixedBody, ...]:
@@ -146,7 +162,11 @@ def _draw_rim(generator: np.random.Generator, scene: Scene, most: int) -> tuple[
         # Side k lies in the direction of k quarter turns; neighbors overlap in the corners.
         normal = yaw + side * math.pi / 2
         distance = (inner[side % 2] + RIM_THICKNESS) / 2
-        center = (x + distance * math.cos(normal), y + distance * math.sin(normal), height / 2)
+        center = (
+            x + distance * math.cos(normal),
+            y + distance * math.sin(normal),
+            height / 2,
+        )
         length = inner[1 - side % 2] + 2 * RIM_THICKNESS
         bodies.append(FixedBody(name, "box", (RIM_THICKNESS, length, height), center, normal))
 

@@ -13,7 +13,15 @@ from dvr_jax.goals import OnRegion, Region
 from dvr_jax.shapes import Shape, shape_named
 from dvr_jax.workcell.workcell import DEFAULT_WORKCELL, Home, Workcell
 
-__all__ = ["MAXIMUM_FIXED_BODIES", "MAXIMUM_OBJECTS", "FixedBody", "OnRegion", "Region", "Scene", "SceneObject"]
+__all__ = [
+    "MAXIMUM_FIXED_BODIES",
+    "MAXIMUM_OBJECTS",
+    "FixedBody",
+    "OnRegion",
+    "Region",
+    "Scene",
+    "SceneObject",
+]
 
 MAXIMUM_OBJECTS = 8
 """A scene has 1 to this many objects."""

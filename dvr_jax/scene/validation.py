@@ -27,8 +27,18 @@ from dvr_jax.scene.rules import (
     require_numbers,
     require_unique,
 )
-from dvr_jax.scene.types import MAXIMUM_FIXED_BODIES, MAXIMUM_OBJECTS, FixedBody, Scene, SceneObject
-from dvr_jax.scene.workcell_rules import require_off_bases, table_in_words, validate_workcell
+from dvr_jax.scene.types import (
+    MAXIMUM_FIXED_BODIES,
+    MAXIMUM_OBJECTS,
+    FixedBody,
+    Scene,
+    SceneObject,
+)
+from dvr_jax.scene.workcell_rules import (
+    require_off_bases,
+    table_in_words,
+    validate_workcell,
+)
 from dvr_jax.shapes import shape_named, shape_names
 from dvr_jax.workcell.workcell import DEFAULT_WORKCELL, Table, Workcell
 
@@ -95,7 +105,10 @@ def _validate_names(scene: Scene) -> None:
         require_name("a fixed body", body.name)
 
     require_unique("objects", scene.object_names)
-    require_unique("objects and fixed bodies", scene.object_names + tuple(body.name for body in scene.fixed))
+    require_unique(
+        "objects and fixed bodies",
+        scene.object_names + tuple(body.name for body in scene.fixed),
+    )
     if scene.goal.object not in scene.object_names:
         raise SceneError(
             f"the goal's object is {scene.goal.object!r}; the scene has {', '.join(map(repr, scene.object_names))}."
@@ -164,7 +177,10 @@ def _validate_overlaps(scene: Scene) -> None:
 
     for body in scene.fixed:
         for item in scene.objects:
-            depth = min(item.height - body.bottom, -signed_distance(item.footprint, body.footprint))
+            depth = min(
+                item.height - body.bottom,
+                -signed_distance(item.footprint, body.footprint),
+            )
             if depth > OVERLAP_TOLERANCE:
                 raise SceneError(
                     f"the object {item.name!r} and the fixed body {body.name!r} overlap by {depth:.3g} m; "

@@ -8,7 +8,13 @@ import math
 from itertools import combinations
 
 from dvr_jax.errors import SceneError
-from dvr_jax.geometry.footprint import Circle, Footprint, Rectangle, inside, signed_distance
+from dvr_jax.geometry.footprint import (
+    Circle,
+    Footprint,
+    Rectangle,
+    inside,
+    signed_distance,
+)
 from dvr_jax.scene.rules import (
     OVERLAP_TOLERANCE,
     RESERVED_CHARACTERS,
