@@ -8,13 +8,13 @@ import numpy as np
 from jaxtyping import Float
 
 from dvr_jax.motion.motion import Motion
-from dvr_jax.scene.mjcf import Layout, qpos_layout
+from dvr_jax.scene.layout import Layout, qpos_layout
 from dvr_jax.scene.types import Scene
 
 
 def state_layout(scene: Scene) -> Layout:
     """Return where each quantity lies in the states of a scene's motion."""
-    return qpos_layout(scene.workcell, len(scene.objects))
+    return qpos_layout(scene)
 
 
 @dataclass(frozen=True, slots=True)

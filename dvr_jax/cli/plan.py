@@ -56,11 +56,10 @@ class PlanOptions:
 
 def write_plan(folder: Path, result: Plan, animation: bool) -> None:
     """Write everything that is known of a plan into a folder."""
-    from dvr_jax.drawing.film import (  # half a second that others need not wait
-        save_animation,
-        save_depth_picture,
-        save_film,
-    )
+    # Half a second that others need not wait.
+    from dvr_jax.drawing.animation import save_animation
+    from dvr_jax.drawing.depth_picture import save_depth_picture
+    from dvr_jax.drawing.film import save_film
 
     folder.mkdir(parents=True, exist_ok=True)
     for name in _REPLACED:
@@ -69,7 +68,7 @@ def write_plan(folder: Path, result: Plan, animation: bool) -> None:
     save_depth_picture(folder / "depth.png", result.scene)
     if result.motion is not None:
         save_motion(folder / "trajectory.npz", result.motion)
-        save_film(folder / "film.png", result.scene, result.actions, result.motion)
+        save_film(folder / "film.png", result.scene, result.words, result.motion)
         if animation:
             save_animation(folder / "plan.gif", result.scene, result.motion)
     (folder / "plan.json").write_text(json.dumps(describe_plan(result), indent=1) + "\n", encoding="utf-8")

@@ -1,7 +1,7 @@
 """What a scene is: a workcell, objects on its table, fixed bodies, and a goal. Plain frozen records.
 
-World frame, meters, radians (see `dvr_jax.workcell`). Every object stands upright on the table's top, z = 0. The records
-check nothing; `dvr_jax.scene.validation.validate_scene` and the factory `make_scene` there do.
+World frame, meters, radians (see `dvr_jax.workcell`). Every object stands upright on the table's top, z = 0. The
+records check nothing; `dvr_jax.scene.validation.validate_scene` and the factory `make_scene` there do.
 """
 
 from __future__ import annotations
@@ -13,7 +13,21 @@ from dvr_jax.goals import OnRegion, Region
 from dvr_jax.shapes import Shape, shape_named
 from dvr_jax.workcell.workcell import DEFAULT_WORKCELL, Home, Workcell
 
-__all__ = ["FixedBody", "OnRegion", "Region", "Scene", "SceneObject"]
+__all__ = [
+    "MAXIMUM_FIXED_BODIES",
+    "MAXIMUM_OBJECTS",
+    "FixedBody",
+    "OnRegion",
+    "Region",
+    "Scene",
+    "SceneObject",
+]
+
+MAXIMUM_OBJECTS = 8
+"""A scene has 1 to this many objects."""
+
+MAXIMUM_FIXED_BODIES = 16
+"""A scene has at most this many fixed bodies."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +105,16 @@ class FixedBody:
         return self.kind.half_extents(self.size)
 
     @property
+    def bottom(self) -> float:
+        """Height of the lowest point above the table [m]."""
+        return self.position[2] - self.half_extents[2]
+
+    @property
+    def top(self) -> float:
+        """Height of the highest point above the table [m]."""
+        return self.position[2] + self.half_extents[2]
+
+    @property
     def footprint(self) -> Footprint:
         """The body's outline seen from above."""
         return self.kind.footprint(self.size, self.position[:2], self.yaw)
@@ -101,9 +125,16 @@ class Scene:
     """One problem: the workcell, 1 to 8 objects on its table, fixed bodies, and a goal."""
 
     objects: tuple[SceneObject, ...]
+    """The movable bodies; arrays with an axis of objects follow this order."""
+
     goal: OnRegion
+    """What shall hold at the end of a plan."""
+
     workcell: Workcell = DEFAULT_WORKCELL
+    """The arms and their table."""
+
     fixed: tuple[FixedBody, ...] = ()
+    """Bodies that nothing may touch and nothing moves."""
 
     @property
     def home(self) -> Home:

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from dvr_jax.errors import DvrError
+from dvr_jax.geometry import footprint as footprints
 from dvr_jax.workcell.panda import PANDA
 from dvr_jax.workcell.robot import Rectangle, Robot
 
@@ -47,6 +48,11 @@ class Table:
 
     thickness: float = 0.04
     """The slab reaches from z = -thickness to z = 0 [m]."""
+
+    @property
+    def footprint(self) -> footprints.Rectangle:
+        """The top."""
+        return footprints.Rectangle((0.0, 0.0), self.half_extents, 0.0)
 
 
 @dataclass(frozen=True, slots=True)

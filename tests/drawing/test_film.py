@@ -6,21 +6,31 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from dvr_jax.drawing.film import MOST_FRAMES, save_animation, save_depth_picture, save_film
+from dvr_jax.drawing.animation import MOST_FRAMES, save_animation
+from dvr_jax.drawing.depth_picture import save_depth_picture
+from dvr_jax.drawing.film import save_film
 from dvr_jax.errors import DvrError
-from dvr_jax.logic import Action
 from dvr_jax.motion.motion import Motion, make_motion
-from dvr_jax.scene.files import Goal, Region, Scene, SceneObject, load_scene, make_scene
+from dvr_jax.scene.files import (
+    FixedBody,
+    OnRegion,
+    Region,
+    Scene,
+    SceneObject,
+    load_scene,
+    make_scene,
+)
 from dvr_jax.scene.mjcf import home_qpos, qpos_layout
+from dvr_jax.workcell.workcell import WORKCELLS, Workcell
 
 SCENE = load_scene("data/scenes/figure1.json")
-ACTIONS = (Action("grasp", ("left", "+x", "yellow")), Action("place", ("left", "yellow", "table")))
+ACTIONS = ("left grasps yellow at its +x face", "left places yellow on table")
 
 
 def swing(scene: Scene, samples: int, switch: tuple[int, ...], step: float = 0.02) -> Motion:
-    """The left arm turns at its base; nothing is touched."""
+    """The first arm turns at its base; nothing is touched."""
     qpos = np.tile(home_qpos(scene), (samples, 1))
-    qpos[:, qpos_layout(len(scene.objects)).arm_joints[0, 0]] = np.linspace(0.0, 0.8, samples)
+    qpos[:, qpos_layout(scene).arm_joints[0, 0]] = np.linspace(0.0, 0.8, samples)
     return make_motion(step * np.arange(samples), qpos, switch)
 
 
@@ -92,8 +102,22 @@ def test_depth_picture_shows_every_mask_in_its_colour(tmp_path: Path) -> None:
 def test_odd_names_and_many_objects(tmp_path: Path, count: int) -> None:
     names = ["two\nlines \x01 \ud800 日本" + " long" * 60, *"abcdefg"][:count]
     objects = [SceneObject(name, "cylinder", (0.03, 0.3), (0.1 * i - 0.4, 0.3), 0.0) for i, name in enumerate(names)]
-    scene = make_scene(objects, Goal(names[0], Region((0.0, -0.3), 0.3, (0.1, 0.1))))
-    save_film(tmp_path / "film.png", scene, (Action("grasp", ("left", "+x", names[0])),), swing(scene, 10, (5,)))
+    scene = make_scene(objects, OnRegion(names[0], Region((0.0, -0.3), 0.3, (0.1, 0.1))))
+    save_film(tmp_path / "film.png", scene, [f"left grasps {names[0]} at its +x face"], swing(scene, 10, (5,)))
     save_depth_picture(tmp_path / "depth.png", scene)
     assert Image.open(tmp_path / "film.png").size == (12 + 2 * 452, 56 + 275 + 34 + 12)
     assert Image.open(tmp_path / "depth.png").size[1] == 40 + 512 + 12
+
+
+@pytest.mark.parametrize("workcell", WORKCELLS.values(), ids=WORKCELLS)
+def test_every_workcell_and_fixed_bodies_are_drawn(tmp_path: Path, workcell: Workcell) -> None:
+    objects = [SceneObject("blue", "box", (0.05, 0.1, 0.1), (0.0, 0.3), 0.0)]
+    goal = OnRegion("blue", Region((0.35, 0.25), 0.3, (0.12, 0.12)))
+    wall = FixedBody("wall", "box", (0.6, 0.03, 0.3), (0.0, 0.6, 0.15), 0.2)
+    scenes = [make_scene(objects, goal, workcell, fixed) for fixed in ([], [wall])]
+    films = []
+    for scene in scenes:
+        save_film(tmp_path / "film.png", scene, ["grasp"], swing(scene, 10, (5,)))
+        save_depth_picture(tmp_path / "depth.png", scene)
+        films.append(np.asarray(Image.open(tmp_path / "film.png").convert("RGB")).astype(int))
+    assert (np.abs(films[0] - films[1]).max(axis=2) > 20).sum() > 1000

@@ -1,13 +1,20 @@
-"""Pictures: their form, and that what must be seen is seen, in its colour."""
+"""Pictures: their form, and that what must be seen is seen, in its color."""
 
 import numpy as np
 
 from dvr_jax.drawing.picture import PICTURE_CAMERA, render_picture
-from dvr_jax.scene.colours import object_colours
-from dvr_jax.scene.files import Goal, Region, SceneObject, load_scene, make_scene
+from dvr_jax.scene.colors import FIXED_COLOR, PALETTE, object_colors
+from dvr_jax.scene.files import (
+    FixedBody,
+    OnRegion,
+    Region,
+    SceneObject,
+    load_scene,
+    make_scene,
+)
 from dvr_jax.scene.mjcf import build_home_data, build_model
 from dvr_jax.scene.pinhole import Pinhole
-from dvr_jax.workcell.constants import BASE_POSITIONS, TABLE_HALF_EXTENTS
+from dvr_jax.workcell.workcell import WORKCELLS, Table
 
 ABOVE = Pinhole(position=(0.0, 0.0, 2.0), target=(0.0, 0.0, 0.0), field_of_view=0.7)
 
@@ -28,9 +35,10 @@ def test_shows_the_goal_the_objects_and_both_arms() -> None:
 
 def test_the_whole_table_is_in_the_picture() -> None:
     """Of all directions to the table's corners, and up to an outstretched arm above each base, each is a pixel's."""
-    x, y = TABLE_HALF_EXTENTS
+    x, y = Table().half_extents
+    bases = [arm.position for workcell in WORKCELLS.values() for arm in workcell.arms]
     points = np.array([[sx * x, sy * y, 0.0] for sx in (-1, 1) for sy in (-1, 1)])
-    points = np.vstack([points, [[base[0], base[1], 0.9] for base in BASE_POSITIONS]]) - PICTURE_CAMERA.position
+    points = np.vstack([points, [[base[0], base[1], 0.9] for base in bases]]) - PICTURE_CAMERA.position
     rays = PICTURE_CAMERA.pixel_rays(320, 200)
     rays = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
     points /= np.linalg.norm(points, axis=1, keepdims=True)
@@ -39,11 +47,11 @@ def test_the_whole_table_is_in_the_picture() -> None:
     assert nearest.max() < spacing
 
 
-def test_colour_of_a_lit_face_keeps_its_hue() -> None:
+def test_color_of_a_lit_face_keeps_its_hue() -> None:
     scene = make_scene([SceneObject("blue", "box", (0.1, 0.1, 0.1), (0.0, 0.0), 0.0)], _goal("blue"))
     model = build_model(scene)
     image = render_picture(model, build_home_data(model), 65, 65, ABOVE)
-    shade = image[32, 32] / np.array(object_colours(scene)[0]) / 255
+    shade = image[32, 32] / np.array(object_colors(scene)[0]) / 255
     assert shade.min() > 0.6 and shade.max() < 1.5
 
 
@@ -55,11 +63,26 @@ def test_a_tall_object_throws_a_shadow() -> None:
     assert away < 0.75 * towards_lamp
 
 
-def test_colours_are_distinct() -> None:
+def test_fixed_bodies_are_seen_in_their_color() -> None:
+    blue = SceneObject("blue", "box", (0.1, 0.1, 0.1), (0.0, -0.4), 0.0)
+    board = FixedBody("board", "box", (0.3, 0.3, 0.02), (0.0, 0.0, 0.3), 0.4)
+    model = build_model(make_scene([blue], _goal("blue"), fixed=[board]))
+    image = render_picture(model, build_home_data(model), 65, 65, ABOVE)
+    shade = image[32, 32] / np.array(FIXED_COLOR) / 255
+    assert shade.min() > 0.6 and shade.max() < 1.5
+
+
+def test_both_spellings_of_gray_are_one_color() -> None:
+    for name in ("gray", "grey"):
+        item = SceneObject(name, "box", (0.1, 0.1, 0.1), (0.0, 0.0), 0.0)
+        assert object_colors(make_scene([item], _goal(name))) == (PALETTE["gray"],)
+
+
+def test_colors_are_distinct() -> None:
     names = ["grey", "red", "x", "y", "z", "blue", "u", "v"]
     objects = [SceneObject(name, "box", (0.05, 0.05, 0.05), (0.0, -0.4 + 0.1 * i), 0.0) for i, name in enumerate(names)]
-    assert len(set(object_colours(make_scene(objects, _goal("x"))))) == 8
+    assert len(set(object_colors(make_scene(objects, _goal("x"))))) == 8
 
 
-def _goal(name: str) -> Goal:
-    return Goal(name, Region((0.3, 0.3), 0.0, (0.1, 0.1)))
+def _goal(name: str) -> OnRegion:
+    return OnRegion(name, Region((0.3, 0.3), 0.0, (0.1, 0.1)))
