@@ -1,9 +1,9 @@
 """The network as the tree searches use it: a scene is encoded once, then each query costs one step of the GRU.
 
 predictor = Predictor.load(Path("out/train/network.npz"))
-code = predictor.begin(scene)
+code = predictor.encode_scene(scene)
 hidden = code.initial_hidden(len(children))
-probabilities, hidden = predictor.step(code, hidden, children)     # children: indices of actions
+probabilities, hidden = predictor.predict(code, hidden, children)     # children: indices of actions
 
 With a depth image of your own camera instead of a rendered one, for a plan too:
 
@@ -37,11 +37,11 @@ from dvr_jax.scene.types import Scene
 from dvr_jax.workcell.constants import MAXIMUM_OBJECTS
 
 BATCH_SIZES = (16, 64, 256)
-"""ConstraintValues for which `step` is compiled; fewer are padded, more go in several calls. The children of a node are at most 16
+"""ConstraintValues for which `predict` is compiled; fewer are padded, more go in several calls. The children of a node are at most 16
 with two objects and 64 with eight, and padding costs less than another compilation."""
 
 OBJECT_NUMBERS = (1, 2, 4, 8)
-"""Numbers of objects for which `begin` is compiled."""
+"""Numbers of objects for which `encode_scene` is compiled."""
 
 _MOST_ACTIONS = 12 * MAXIMUM_OBJECTS
 
@@ -53,7 +53,7 @@ SHIPPED = Path(__file__).parents[1] / "networks"
 
 
 @dataclass(frozen=True, slots=True)
-class SceneCode:
+class SceneEncoding:
     """A scene as the network sees it."""
 
     scene: Scene
@@ -99,25 +99,25 @@ class Predictor:
         """Equal for networks that run the same compiled programs."""
         return self.weights.config
 
-    def look(self, scene: Scene) -> SceneImages:
+    def render(self, scene: Scene) -> SceneImages:
         """Heights and masks of a scene in the network's size, rendered unless there are images of another camera."""
         config = self.weights.config
         return scene_images(scene, config.image_size, config.rays) if self.images is None else self.images
 
-    def begin(self, scene: Scene, grounding: Grounding | None = None, images: SceneImages | None = None) -> SceneCode:
+    def encode_scene(self, scene: Scene, grounding: Grounding | None = None, images: SceneImages | None = None) -> SceneEncoding:
         """Encode a scene, once for a whole search.
 
         Args:
             scene: with 1 to 8 objects.
             grounding: that of its objects and goal, if known.
-            images: what `look` gave, if it was asked before.
+            images: what `render` gave, if it was asked before.
         """
         names = [item.name for item in scene.objects]
         if grounding is None:
             grounding = ground_actions(names, scene.goal.object)
         actions = encode_actions(grounding, scene.objects)
         number = next(size for size in OBJECT_NUMBERS if size >= len(names))
-        stack = stack_images([self._checked(self.look(scene) if images is None else images, scene)], number)
+        stack = stack_images([self._checked(self.render(scene) if images is None else images, scene)], number)
         pairs = np.full((2 * number, 2), len(names) + 1, np.int32)  # padding: two masks of zeros
         pairs[: len(actions.pairs)] = actions.pairs
         gates = _encode_scene(
@@ -128,7 +128,7 @@ class Predictor:
             np.asarray(goal_tuple(scene), np.int32),
             *(_padded(rows, 12 * number) for rows in (actions.symbol, actions.normal, actions.tuple_index)),
         )
-        return SceneCode(scene, grounding, gates, self.weights.config.hidden)
+        return SceneEncoding(scene, grounding, gates, self.weights.config.hidden)
 
     def _checked(self, images: SceneImages, scene: Scene) -> SceneImages:
         size = self.weights.config.image_size
@@ -139,8 +139,8 @@ class Predictor:
             )
         return images
 
-    def step(
-        self, code: SceneCode, hidden: NDArray[np.float32], actions: Sequence[int] | NDArray[np.integer]
+    def predict(
+        self, code: SceneEncoding, hidden: NDArray[np.float32], actions: Sequence[int] | NDArray[np.integer]
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Probabilities (B,) of the next actions `actions` (B,) after prefixes whose states are `hidden` (B, H), and
         the states (B, H) after those actions; one state (1, H) where all follow the same prefix."""

@@ -13,17 +13,14 @@ network is right nothing changes; where it is wrong, a batch is many times cheap
 from __future__ import annotations
 
 import heapq
-from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from itertools import count
-from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dvr_jax.logic import Grounding
-from dvr_jax.scene.types import Scene
 from dvr_jax.search.node import Node
+from dvr_jax.search.predictor import Encoding, Images, SequencePredictor
 from dvr_jax.search.run import EXHAUSTED, Outcome, Run
 from dvr_jax.search.work import Steps
 
@@ -38,37 +35,6 @@ GROWTH = 4
 
 LARGEST_BATCH = 64
 """Sequences whose keyframes are judged at once, at most."""
-
-
-class Code(Protocol):
-    """A scene as a network has encoded it."""
-
-    def initial_hidden(self) -> NDArray[np.float32]:
-        """State before the first action (1, H)."""
-        ...
-
-
-class Network(Protocol):
-    """What the search needs of a network (`dvr_jax.model.predictor.Predictor`)."""
-
-    @property
-    def size(self) -> Hashable:
-        """Equal for networks that run the same compiled programs."""
-        ...
-
-    def look(self, scene: Scene) -> Any:
-        """What the camera sees of a scene, as the network takes it."""
-        ...
-
-    def begin(self, scene: Scene, grounding: Grounding | None = None, images: Any = None) -> Any:
-        """Encode a scene, once for a whole search; a `Code`. `images` as `look` gives them; by default it looks."""
-        ...
-
-    def step(
-        self, code: Any, hidden: NDArray[np.float32], actions: Sequence[int]
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Probabilities (B,) of actions (B,) after a prefix with the state (1, H), and the states after them (B, H)."""
-        ...
 
 
 @dataclass(slots=True, eq=False)
@@ -130,23 +96,23 @@ class _ByDepth(_ByProbability):
         return heapq.heappop(self._ready)[3]
 
 
-def visual_reasoning(run: Run, network: Network) -> Steps[Outcome]:
+def visual_reasoning(run: Run, network: SequencePredictor[Images, Encoding]) -> Steps[Outcome]:
     """Algorithm 1: the network predicts whether an action leads to the goal."""
     return (yield from _guided(run, network, _ByProbability()))
 
 
-def feasibility_classifier(run: Run, network: Network) -> Steps[Outcome]:
+def feasibility_classifier(run: Run, network: SequencePredictor[Images, Encoding]) -> Steps[Outcome]:
     """The network predicts whether a prefix is feasible, whatever the goal: breadth-first among the feasible ones."""
     return (yield from _guided(run, network, _ByDepth()))
 
 
-def _guided(run: Run, network: Network, expand: _ByProbability) -> Steps[Outcome]:
+def _guided(run: Run, network: SequencePredictor[Images, Encoding], expand: _ByProbability) -> Steps[Outcome]:
     tree = run.tree
     with run.timed("image"):
-        images = network.look(tree.scene)
+        images = network.render(tree.scene)
     with run.timed("network"):
-        code = network.begin(tree.scene, tree.grounding, images)
-    expand.push(_Candidate(tree.root, 1.0, code.initial_hidden()[0]))
+        encoding = network.encode_scene(tree.scene, tree.grounding, images)
+    expand.push(_Candidate(tree.root, 1.0, encoding.initial_hidden()[0]))
     leaves, threshold, width = _ByProbability(), THRESHOLD, 1
     while expand or leaves:
         tree.solver.look_at_the_clock()
@@ -156,7 +122,7 @@ def _guided(run: Run, network: Network, expand: _ByProbability) -> Steps[Outcome
                 candidate.node is tree.root or tree.check_cached_pose_bound(candidate.node)
             ):
                 with run.timed("network"):
-                    children = _query(run, network, code, candidate)
+                    children = _query(run, network, encoding, candidate)
                 for child in children:
                     (leaves if child.node.reaches_goal else expand).push(child)
         while leaves:
@@ -172,14 +138,16 @@ def _guided(run: Run, network: Network, expand: _ByProbability) -> Steps[Outcome
     return Outcome(EXHAUSTED, None, None, run.seconds)
 
 
-def _query(run: Run, network: Network, code: Any, parent: _Candidate) -> list[_Candidate]:
+def _query(
+    run: Run, network: SequencePredictor[Images, Encoding], encoding: Encoding, parent: _Candidate
+) -> list[_Candidate]:
     """Children of a node that pass the symbolic bound, with their predictions."""
     children = run.tree.expand(parent.node)
     if not children:
         return []
     actions = [run.tree.grounding.index(child.actions[-1]) for child in children]
     assert parent.hidden is not None
-    probabilities, after = network.step(code, parent.hidden[None], actions)
+    probabilities, after = network.predict(encoding, parent.hidden[None], actions)
     return [
         # Where all reach the goal, as in the last level, nothing keeps the states.
         _Candidate(child, probability, None if child.reaches_goal else hidden)

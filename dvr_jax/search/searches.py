@@ -12,11 +12,13 @@ Within a length, sequences that reach the goal come first. They differ in what t
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Protocol
 
 from dvr_jax.errors import DvrError
 from dvr_jax.search.node import Node
 from dvr_jax.search.node_solver import OutOfTime
-from dvr_jax.search.reasoning import Network, feasibility_classifier, visual_reasoning
+from dvr_jax.search.predictor import Encoding, Images, SequencePredictor
+from dvr_jax.search.reasoning import feasibility_classifier, visual_reasoning
 from dvr_jax.search.run import EXHAUSTED, TIME_LIMIT, Accept, Outcome, Progress, Run
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import Steps, run_alone
@@ -74,7 +76,16 @@ def multi_bound(run: Run) -> Steps[Outcome]:
 BLIND: dict[str, Callable[[Run], Steps[Outcome]]] = {"mbts": multi_bound, "bfs": breadth_first}
 """Searches that need no network, by the name that the command line gives them."""
 
-GUIDED: dict[str, Callable[[Run, Network], Steps[Outcome]]] = {
+
+class GuidedSearch(Protocol):
+    """A search that takes any network."""
+
+    def __call__(self, run: Run, network: SequencePredictor[Images, Encoding]) -> Steps[Outcome]:
+        """Search with the network's predictions."""
+        ...
+
+
+GUIDED: dict[str, GuidedSearch] = {
     "dvr": visual_reasoning,
     "classifier": feasibility_classifier,
 }
@@ -84,7 +95,11 @@ SEARCHES = (*GUIDED, *BLIND)
 
 
 def search(
-    name: str, tree: SequenceTree, accept: Accept, progress: Progress, network: Network | None = None
+    name: str,
+    tree: SequenceTree,
+    accept: Accept,
+    progress: Progress,
+    network: SequencePredictor[Images, Encoding] | None = None,
 ) -> Outcome:
     """Run a search until it finds something, has seen everything, or the tree's time is over."""
     run = Run(tree, accept, progress)
@@ -94,7 +109,7 @@ def search(
         return Outcome(TIME_LIMIT, None, None, run.seconds)
 
 
-def steps_of(name: str, run: Run, network: Network | None = None) -> Steps[Outcome]:
+def steps_of(name: str, run: Run, network: SequencePredictor[Images, Encoding] | None = None) -> Steps[Outcome]:
     """A search by its name, ready to be run."""
     if name in BLIND:
         return BLIND[name](run)

@@ -15,7 +15,7 @@ from dvr_jax.nlp.problem import PARAMETERS, Variables
 from dvr_jax.nlp.transcription import transcribe
 from dvr_jax.runtime.batch_sizes import batch_sizes
 from dvr_jax.scene.types import Scene
-from dvr_jax.search.reasoning import Network
+from dvr_jax.search.predictor import Encoding, Images, SequencePredictor
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.seeds.initial_paths import path_problem, path_start
 from dvr_jax.seeds.keyframe_beam import empty_prefix
@@ -30,7 +30,7 @@ _ready: set[tuple[int, int, Hashable]] = set()
 def warm_up(
     scene: Scene,
     k_max: int = 6,
-    network: Network | None = None,
+    network: SequencePredictor[Images, Encoding] | None = None,
     stop: Callable[[], bool] = lambda: False,
 ) -> None:
     """Run every program once: one iteration of each NLP of 1 to ``k_max`` actions, one query of the network.
@@ -87,21 +87,21 @@ def warm_up(
     _ready.add(_key(scene, k_max, network))
 
 
-def _query(scene: Scene, k_max: int, network: Network) -> None:
+def _query(scene: Scene, k_max: int, network: SequencePredictor[Images, Encoding]) -> None:
     """Ask a network for one child and for as many as there may be."""
     tree = SequenceTree(scene, k_max)
-    code = network.begin(scene, tree.grounding)
+    encoding = network.encode_scene(scene, tree.grounding)
     widest = len(list(tree.grounding.applicable(tree.grounding.initial_state)))
     for children in (1, widest):
-        network.step(code, code.initial_hidden(), range(children))
+        network.predict(encoding, encoding.initial_hidden(), range(children))
 
 
-def _key(scene: Scene, k_max: int, network: Network | None) -> tuple[int, int, Hashable]:
+def _key(scene: Scene, k_max: int, network: SequencePredictor[Images, Encoding] | None) -> tuple[int, int, Hashable]:
     return len(scene.objects), k_max, None if network is None else network.size
 
 
 @contextmanager
-def warming_up(scene: Scene, k_max: int, network: Network | None) -> Iterator[None]:
+def warming_up(scene: Scene, k_max: int, network: SequencePredictor[Images, Encoding] | None) -> Iterator[None]:
     """Compile on another core what the work inside will soon need, unless this process has it."""
     if _key(scene, k_max, network) in _ready:
         yield

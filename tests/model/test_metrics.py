@@ -51,7 +51,7 @@ def test_greedy_sequences_take_the_best_of_the_predictor_at_each_step() -> None:
     k_max = 5
     sequences = greedy_sequences(weights, table, [2, 0, 1], k_max)
     for scene, sequence in zip((2, 0, 1), sequences, strict=True):
-        code = predictor.begin(examples.scenes[scene])
+        code = predictor.encode_scene(examples.scenes[scene])
         grounding, hidden, state = code.grounding, code.initial_hidden(), code.grounding.initial_state
         grounding.check_sequence([grounding.actions[index] for index in sequence])
         for depth, taken in enumerate(sequence):
@@ -60,7 +60,7 @@ def test_greedy_sequences_take_the_best_of_the_predictor_at_each_step() -> None:
                 for index in grounding.applicable(state)
                 if grounding.can_reach_goal(grounding.successor(state, index), k_max - depth - 1)
             ]
-            probabilities, after = predictor.step(code, np.repeat(hidden, len(open_actions), axis=0), open_actions)
+            probabilities, after = predictor.predict(code, np.repeat(hidden, len(open_actions), axis=0), open_actions)
             assert taken == open_actions[int(np.argmax(probabilities))]
             hidden = after[[np.argmax(probabilities)]]
             state = grounding.successor(state, taken)

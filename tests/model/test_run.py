@@ -82,8 +82,8 @@ def test_learns_which_arm_is_on_the_objects_side(tmp_path: Path) -> None:
 
     # What the searches load says the same of a scene that was trained on, and files are there to look at.
     predictor, scene = Predictor.load(tmp_path / "network.npz"), EXAMPLES.scenes[EXAMPLES.scene[data.draws.rows[0]]]
-    code = predictor.begin(scene)
-    probabilities, _ = predictor.step(code, code.initial_hidden(24), range(24))
+    code = predictor.encode_scene(scene)
+    probabilities, _ = predictor.predict(code, code.initial_hidden(24), range(24))
     wanted = "left" if scene.objects[scene.goal_index].position[0] < 0 else "right"
     for action, probability in zip(code.grounding.actions, probabilities, strict=True):
         if action.operator == "grasp" and action.arguments[2] == scene.goal.object:
