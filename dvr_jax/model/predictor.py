@@ -28,10 +28,10 @@ from numpy.typing import NDArray
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import Grounding, ground_actions
 from dvr_jax.model.encoding import encode_actions, goal_tuple
-from dvr_jax.model.export import load_weights
-from dvr_jax.model.header import Kind, NetworkMetadata
+from dvr_jax.model.export import load_parameters
+from dvr_jax.model.metadata import Kind, NetworkMetadata
 from dvr_jax.model.images import SceneImages, scene_images, stack_images
-from dvr_jax.model.network import NetworkConfig, Weights, encode_images, encode_symbols, input_gates, step_from_gates
+from dvr_jax.model.network import NetworkConfig, NetworkParameters, encode_images, encode_symbols, input_gates, step_from_gates
 from dvr_jax.runtime.compilation import Program
 from dvr_jax.scene.types import Scene
 from dvr_jax.workcell.constants import MAXIMUM_OBJECTS
@@ -72,7 +72,7 @@ class SceneEncoding:
 class Predictor:
     """A trained network of any kind, for scenes of 1 to 8 objects."""
 
-    weights: Weights
+    weights: NetworkParameters
     kind: Kind
     images: SceneImages | None = None
     """What a camera of your own sees (`dvr_jax.model.images.depth_images`); by default scenes are rendered."""
@@ -80,18 +80,18 @@ class Predictor:
     @staticmethod
     def load(path: Path) -> Predictor:
         """From an exported file, or from the latest checkpoint of a training's folder."""
-        weights, header = load_weights(path)
+        weights, header = load_parameters(path)
         return Predictor.of(weights, header)
 
     @staticmethod
-    def of(weights: Weights, header: NetworkMetadata) -> Predictor:
+    def of(weights: NetworkParameters, header: NetworkMetadata) -> Predictor:
         """From weights in memory."""
         return Predictor(weights, header.kind)
 
     @property
     def checksum(self) -> str:
         """Of its weights, by which networks are told apart."""
-        leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(self.weights.parameters)]
+        leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(self.weights.tree)]
         return hashlib.sha256(b"".join(leaf.tobytes() for leaf in leaves)).hexdigest()[:16]
 
     @property
@@ -191,7 +191,7 @@ def _padded(rows: NDArray[Any], size: int) -> NDArray[Any]:
 
 @Program
 def _encode_scene(
-    weights: Weights,
+    weights: NetworkParameters,
     height: _Rows,
     masks: _Rows,
     pairs: _Rows,
@@ -211,7 +211,7 @@ def _encode_scene(
 
 
 @Program
-def _step(weights: Weights, gates: jax.Array, hidden: _Rows, actions: _Rows) -> tuple[jax.Array, jax.Array]:
+def _step(weights: NetworkParameters, gates: jax.Array, hidden: _Rows, actions: _Rows) -> tuple[jax.Array, jax.Array]:
     """Probabilities (B,) and states (B, H) after actions (B,)."""
     logit, after = step_from_gates(weights, jnp.asarray(hidden), gates[jnp.asarray(actions)])
     return jax.nn.sigmoid(logit), after

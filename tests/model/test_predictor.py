@@ -12,15 +12,15 @@ from dvr_jax.errors import DvrError
 from dvr_jax.logic import FACES, enumerate_sequences
 from dvr_jax.model import predictor as module
 from dvr_jax.model.encoding import SYMBOLS, direction
-from dvr_jax.model.export import export_weights
-from dvr_jax.model.header import NetworkMetadata
+from dvr_jax.model.export import export_network
+from dvr_jax.model.metadata import NetworkMetadata
 from dvr_jax.model.images import BRIGHTNESS, WHOLE_PIXEL, depth_images, scene_images
-from dvr_jax.model.network import Network, NetworkConfig, initial_weights
+from dvr_jax.model.network import Network, NetworkConfig, initial_parameters
 from dvr_jax.model.predictor import BATCH_SIZES, SHIPPED, Predictor, load_network
 from dvr_jax.scene.camera import empty_depth, render_depth
 from dvr_jax.scene.sampling import SceneDistribution, sample_scenes
 
-WEIGHTS = initial_weights(NetworkConfig(image_size=16, channels=(2, 3, 3), dense=9, hidden=13), 4)
+WEIGHTS = initial_parameters(NetworkConfig(image_size=16, channels=(2, 3, 3), dense=9, hidden=13), 4)
 PREDICTOR = Predictor.of(WEIGHTS, NetworkMetadata("dvr", WEIGHTS.config))
 SPARSE = SceneDistribution(wide_side=(0.05, 0.08))
 
@@ -122,8 +122,8 @@ def test_few_shapes_are_compiled_and_images_encoded_once(monkeypatch: pytest.Mon
 
 
 def test_classifier_needs_no_goal(tmp_path: Path) -> None:
-    weights = initial_weights(NetworkConfig(image_size=16, channels=(1, 1, 1), dense=4, hidden=5, goal=False), 0)
-    export_weights(tmp_path / "network.npz", weights, NetworkMetadata("classifier", weights.config))
+    weights = initial_parameters(NetworkConfig(image_size=16, channels=(1, 1, 1), dense=4, hidden=5, goal=False), 0)
+    export_network(tmp_path / "network.npz", weights, NetworkMetadata("classifier", weights.config))
     predictor = Predictor.load(tmp_path / "network.npz")
     assert predictor.kind == "classifier"
     code = predictor.encode_scene(next(sample_scenes(1, 1, 0)))
