@@ -19,9 +19,9 @@ from dvr_jax.dataset import load_examples
 from dvr_jax.dataset.shards import find_shards
 from dvr_jax.errors import run_command
 from dvr_jax.logic import Action
-from dvr_jax.model.manifest import write_manifest
+from dvr_jax.model.training_record import write_training_record
 from dvr_jax.model.network import NetworkConfig
-from dvr_jax.model.run import TrainOptions, prepare, train
+from dvr_jax.model.training_run import TrainOptions, prepare, train
 from dvr_jax.planning.feasibility import judge
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.work import run_together
@@ -54,11 +54,11 @@ def main() -> int:
     held_out = load(options.validation) if options.validation else None
     data = prepare(options, load(options.data), held_out, say, are_feasible)
     say(
-        f"{len(data.draws.rows)} sequences to train on, {len(data.draws.feasible)} of them feasible; "
+        f"{len(data.sampler.rows)} sequences to train on, {len(data.sampler.feasible)} of them feasible; "
         f"a target of 1 weighs {data.positive_weight:.2f}"
     )
     train(options, data, network, say)
-    write_manifest(options.out, data, sys.argv[1:], find_shards(options.data))
+    write_training_record(options.out, data, sys.argv[1:], find_shards(options.data))
     say(f"written to {options.out}/")
     return 0
 

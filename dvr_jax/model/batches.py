@@ -21,7 +21,7 @@ from dvr_jax.dataset import Examples
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import Grounding, ground_actions
 from dvr_jax.model.encoding import MIRRORED, ActionCodes, encode_actions, goal_tuple
-from dvr_jax.model.header import Kind
+from dvr_jax.model.metadata import Kind
 from dvr_jax.model.images import ImageStack
 from dvr_jax.scene.files import scene_to_json
 from dvr_jax.scene.types import Scene

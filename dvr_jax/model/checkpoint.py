@@ -1,7 +1,7 @@
 """Checkpoints of a training run: the only file that calls orbax-checkpoint.
 
 A checkpoint holds parameters, optimiser state, step and the seed of the order of the data (a batch is a function of
-seed and step, so the two are the whole state of that order), and the header (`dvr_jax.model.header`)."""
+seed and step, so the two are the whole state of that order), and the header (`dvr_jax.model.metadata`)."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ import numpy as np
 import orbax.checkpoint as ocp
 
 from dvr_jax.errors import DvrError
-from dvr_jax.model.header import NetworkMetadata, checked_weights
-from dvr_jax.model.network import Weights, initial_weights
+from dvr_jax.model.metadata import NetworkMetadata, check_parameters
+from dvr_jax.model.network import NetworkParameters, initial_parameters
 
 _HEADER, _PARAMETERS, _REST = "header", "parameters", "rest"
 """Parts of a checkpoint."""
@@ -25,7 +25,7 @@ _HEADER, _PARAMETERS, _REST = "header", "parameters", "rest"
 class TrainingState:
     """Everything from which a run continues."""
 
-    weights: Weights
+    weights: NetworkParameters
     optimizer: Any
     """The optimiser's tree of arrays."""
     step: int
@@ -56,7 +56,7 @@ class CheckpointFolder:
     def save(self, state: TrainingState, header: NetworkMetadata) -> None:
         """Write a checkpoint."""
         arguments = {
-            _PARAMETERS: ocp.args.StandardSave(state.weights.parameters),
+            _PARAMETERS: ocp.args.StandardSave(state.weights.tree),
             _REST: ocp.args.StandardSave(state.rest()),
             _HEADER: ocp.args.JsonSave(header.to_json()),
         }
@@ -77,22 +77,22 @@ class CheckpointFolder:
         read = self._restore(
             step,
             **{
-                _PARAMETERS: ocp.args.StandardRestore(template.weights.parameters),
+                _PARAMETERS: ocp.args.StandardRestore(template.weights.tree),
                 _REST: ocp.args.StandardRestore(template.rest()),
             },
         )
         seed, step = (int(number) for number in read[_REST]["order"])
-        return TrainingState(Weights(read[_PARAMETERS], header.config), read[_REST]["optimizer"], step, seed)
+        return TrainingState(NetworkParameters(read[_PARAMETERS], header.config), read[_REST]["optimizer"], step, seed)
 
-    def weights(self) -> tuple[Weights, NetworkMetadata]:
-        """Parameters of the latest checkpoint, without the optimiser's state."""
+    def weights(self) -> tuple[NetworkParameters, NetworkMetadata]:
+        """ParameterTree of the latest checkpoint, without the optimiser's state."""
         step = self.latest()
         if step is None:
             raise DvrError(f"{self.folder}: there is no checkpoint; valid is a folder that training has written.")
         header = self.header(step)
-        template = initial_weights(header.config, 0).parameters
+        template = initial_parameters(header.config, 0).tree
         read = self._restore(step, **{_PARAMETERS: ocp.args.StandardRestore(template)})
-        return checked_weights(read[_PARAMETERS], header, self._name(step)), header
+        return check_parameters(read[_PARAMETERS], header, self._name(step)), header
 
     def close(self) -> None:
         """Let go of the folder."""

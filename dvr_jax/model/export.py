@@ -12,17 +12,17 @@ import numpy as np
 from flax import traverse_util
 
 from dvr_jax.errors import DvrError
-from dvr_jax.model.header import NetworkMetadata, checked_weights, flatten
-from dvr_jax.model.network import Weights
+from dvr_jax.model.metadata import NetworkMetadata, check_parameters, flatten
+from dvr_jax.model.network import NetworkParameters
 from dvr_jax.runtime.files import write_whole
 
 _HEADER = "header"
 """Name of the header among the arrays of a file."""
 
 
-def export_weights(path: Path, weights: Weights, header: NetworkMetadata) -> None:
+def export_network(path: Path, weights: NetworkParameters, header: NetworkMetadata) -> None:
     """Write parameters and header as one file, whole or not at all."""
-    arrays: dict[str, Any] = {name: np.asarray(value) for name, value in flatten(weights.parameters, "/").items()}
+    arrays: dict[str, Any] = {name: np.asarray(value) for name, value in flatten(weights.tree, "/").items()}
     arrays[_HEADER] = np.array(json.dumps(header.to_json()))
     path.parent.mkdir(parents=True, exist_ok=True)
     content = io.BytesIO()
@@ -30,8 +30,8 @@ def export_weights(path: Path, weights: Weights, header: NetworkMetadata) -> Non
     write_whole(path, content.getvalue())
 
 
-def load_weights(path: Path) -> tuple[Weights, NetworkMetadata]:
-    """Parameters and header of an exported file, or of the latest checkpoint in a folder."""
+def load_parameters(path: Path) -> tuple[NetworkParameters, NetworkMetadata]:
+    """ParameterTree and header of an exported file, or of the latest checkpoint in a folder."""
     if path.is_dir():
         # Here and not above: orbax takes a second to import, which plans need not wait for.
         from dvr_jax.model.checkpoint import CheckpointFolder
@@ -50,4 +50,4 @@ def load_weights(path: Path) -> tuple[Weights, NetworkMetadata]:
         raise DvrError(f"{path}: this is no exported network; valid is a file that training has written.") from None
     header = NetworkMetadata.from_json(record, str(path))
     parameters = traverse_util.unflatten_dict(arrays, sep="/")  # type: ignore[no-untyped-call]
-    return checked_weights(parameters, header, str(path)), header
+    return check_parameters(parameters, header, str(path)), header

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dvr_jax.logic import Grounding
 from dvr_jax.model.batches import SceneTable
-from dvr_jax.model.network import Weights, encode_images, encode_symbols, step
+from dvr_jax.model.network import NetworkParameters, encode_images, encode_symbols, step
 
 SCENES_AT_ONCE = 32
 
@@ -34,7 +34,7 @@ def average_precision(labels: NDArray[np.bool_], scores: NDArray[np.floating]) -
     return float(np.sum(gained * hits[last] / (last + 1)) / hits[-1])
 
 
-def greedy_sequences(weights: Weights, table: SceneTable, scenes: Sequence[int], k_max: int) -> list[tuple[int, ...]]:
+def greedy_sequences(weights: NetworkParameters, table: SceneTable, scenes: Sequence[int], k_max: int) -> list[tuple[int, ...]]:
     """For each scene the sequence of at most k_max actions that takes, at each step, the action with the highest
     prediction among those from which the goal can still be reached; empty where there is none."""
     result: list[tuple[int, ...]] = []
@@ -43,7 +43,7 @@ def greedy_sequences(weights: Weights, table: SceneTable, scenes: Sequence[int],
     return result
 
 
-def _greedy(weights: Weights, table: SceneTable, scenes: NDArray[np.int_], k_max: int) -> list[tuple[int, ...]]:
+def _greedy(weights: NetworkParameters, table: SceneTable, scenes: NDArray[np.int_], k_max: int) -> list[tuple[int, ...]]:
     groundings = [table.groundings[scene] for scene in scenes]
     # Image codes of all tuples of all scenes, one after the other; too few scenes are repeated.
     count = table.pairs.shape[1]
@@ -93,7 +93,7 @@ def _open_actions(grounding: Grounding, state: int, remaining: int) -> list[int]
 
 
 def _advance_rows(
-    weights: Weights, codes: jax.Array, hidden: NDArray[np.float32], *columns: NDArray[Any]
+    weights: NetworkParameters, codes: jax.Array, hidden: NDArray[np.float32], *columns: NDArray[Any]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """`_advance` of rows, padded to few sizes."""
     count = len(hidden)
@@ -108,7 +108,7 @@ _encode = jax.jit(encode_images)
 
 @jax.jit
 def _advance(
-    weights: Weights,
+    weights: NetworkParameters,
     codes: jax.Array,
     hidden: jax.Array,
     symbol: jax.Array,

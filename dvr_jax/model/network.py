@@ -30,7 +30,7 @@ from dvr_jax.model.convolution import convolve, halving_kernel, pack, packed_ker
 from dvr_jax.model.encoding import SYMBOLS
 from dvr_jax.model.images import CHANNELS, show_scenes
 
-Parameters = dict[str, Any]
+ParameterTree = dict[str, Any]
 """A tree of float32 arrays."""
 
 KERNEL = (5, 5)
@@ -149,18 +149,18 @@ class Network(nn.Module):
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Weights:
-    """Parameters with the sizes they belong to; the sizes are static, so compiled programs are told apart by them."""
+class NetworkParameters:
+    """ParameterTree with the sizes they belong to; the sizes are static, so compiled programs are told apart by them."""
 
-    parameters: Parameters
+    tree: ParameterTree
     config: NetworkConfig = field(metadata={"static": True})
 
-    def network(self) -> tuple[Network, dict[str, Parameters]]:
+    def network(self) -> tuple[Network, dict[str, ParameterTree]]:
         """The module and its variables."""
-        return Network(self.config), {"params": self.parameters}
+        return Network(self.config), {"params": self.tree}
 
 
-def parameter_shapes(config: NetworkConfig) -> Parameters:
+def parameter_shapes(config: NetworkConfig) -> ParameterTree:
     """The tree of parameters with shapes in place of arrays."""
     images = jax.ShapeDtypeStruct((1, config.image_size, config.image_size, CHANNELS), jnp.float32)
     symbols = jax.ShapeDtypeStruct((1,), jnp.int32)
@@ -168,7 +168,7 @@ def parameter_shapes(config: NetworkConfig) -> Parameters:
     return variables["params"]
 
 
-def initial_weights(config: NetworkConfig, seed: int) -> Weights:
+def initial_parameters(config: NetworkConfig, seed: int) -> NetworkParameters:
     """Random parameters of a seed: kernels normal with variance 1 / inputs, the GRU's recurrent ones orthogonal, biases
     zero. Drawn by NumPy, because XLA takes 20 s to compile the drawing of all layers."""
     generator = np.random.default_rng(seed)
@@ -184,11 +184,11 @@ def initial_weights(config: NetworkConfig, seed: int) -> Weights:
             values = generator.normal(size=leaf.shape) / math.sqrt(math.prod(leaf.shape[:-1]))
         return jnp.asarray(values, jnp.float32)
 
-    return Weights(jax.tree_util.tree_map_with_path(draw, parameter_shapes(config)), config)
+    return NetworkParameters(jax.tree_util.tree_map_with_path(draw, parameter_shapes(config)), config)
 
 
 def encode_images(
-    weights: Weights,
+    weights: NetworkParameters,
     height: jax.Array,
     masks: jax.Array,
     scene: jax.Array,
@@ -201,7 +201,7 @@ def encode_images(
     scene (V,) and mirrored (V, 2). The last of a scene's masks is all zeros.
 
     The first convolution is linear, so the heights' part is convolved once per view and the masks' once per mask."""
-    layers = [weights.parameters[f"convolutions_{i}"] for i in range(len(STRIDES))]
+    layers = [weights.tree[f"convolutions_{i}"] for i in range(len(STRIDES))]
     seen, marked = show_scenes(height, masks, scene, mirrored)
     ground, first, second = (packed_kernel(layers[0]["kernel"][:, :, i : i + 1]) for i in range(CHANNELS))
     bias = jnp.tile(layers[0]["bias"], 4)
@@ -215,19 +215,19 @@ def encode_images(
     images = nn.relu(take(of_height, view) + parts[0] + parts[1])
     images = nn.relu(convolve(images, halving_kernel(layers[1]["kernel"])) + layers[1]["bias"])
     images = nn.relu(convolve(pack(images), halving_kernel(layers[2]["kernel"])) + layers[2]["bias"])
-    dense = weights.parameters["image_dense"]
+    dense = weights.tree["image_dense"]
     code = images.reshape(images.shape[0], -1) @ dense["kernel"] + dense["bias"]
-    return code + images.max((1, 2)) @ weights.parameters["pool_dense"]["kernel"] if weights.config.pooling else code
+    return code + images.max((1, 2)) @ weights.tree["pool_dense"]["kernel"] if weights.config.pooling else code
 
 
-def encode_symbols(weights: Weights, symbols: jax.Array, normals: jax.Array) -> jax.Array:
+def encode_symbols(weights: NetworkParameters, symbols: jax.Array, normals: jax.Array) -> jax.Array:
     """Codes (..., dense) of symbols (...) and normals (..., 2)."""
     network, variables = weights.network()
     return _only(network.apply(variables, symbols, normals, method=Network.encode_symbols))
 
 
 def step(
-    weights: Weights, hidden: jax.Array, symbol_code: jax.Array, image_code: jax.Array, goal_code: jax.Array | None
+    weights: NetworkParameters, hidden: jax.Array, symbol_code: jax.Array, image_code: jax.Array, goal_code: jax.Array | None
 ) -> tuple[jax.Array, jax.Array]:
     """Logit (...) and next state (..., hidden) of one action; see `Network.step`."""
     network, variables = weights.network()
@@ -236,7 +236,7 @@ def step(
 
 
 def input_gates(
-    weights: Weights, symbol_codes: jax.Array, image_codes: jax.Array, image: jax.Array, goal_code: jax.Array
+    weights: NetworkParameters, symbol_codes: jax.Array, image_codes: jax.Array, image: jax.Array, goal_code: jax.Array
 ) -> jax.Array:
     """What actions add to the GRU's gates (A, 3 hidden), whatever was done before them: a search computes it once.
 
@@ -247,7 +247,7 @@ def input_gates(
         image: index of each action's image (A,).
         goal_code: (dense,); ignored by a network without goal.
     """
-    layers = [weights.parameters["cell"][name] for name in INPUT]
+    layers = [weights.tree["cell"][name] for name in INPUT]
     kernel = jnp.concatenate([layer["kernel"] for layer in layers], axis=1)
     of_symbol, of_image, *of_goal = jnp.split(kernel, 2 + weights.config.goal)
     gates = symbol_codes @ of_symbol + (image_codes @ of_image)[image]
@@ -255,11 +255,11 @@ def input_gates(
     return gates + goal_code @ of_goal[0] if of_goal else gates
 
 
-def step_from_gates(weights: Weights, hidden: jax.Array, gates: jax.Array) -> tuple[jax.Array, jax.Array]:
+def step_from_gates(weights: NetworkParameters, hidden: jax.Array, gates: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Logits (B,) and states (B, hidden) as `step` gives them, from `input_gates` (B, 3 hidden) and the states before
     (B, hidden), or one state (1, hidden) before all actions. Flax's cell, which `step` calls, multiplies codes and
     state by all its kernels each time: five times the work of a query."""
-    cell, output = weights.parameters["cell"], weights.parameters["output"]
+    cell, output = weights.tree["cell"], weights.tree["output"]
     of_reset, of_update, of_candidate = (hidden @ cell[name]["kernel"] for name in RECURRENT)
     reset, update, candidate = jnp.split(gates, 3, axis=-1)
     kept = nn.sigmoid(update + of_update)
@@ -269,7 +269,7 @@ def step_from_gates(weights: Weights, hidden: jax.Array, gates: jax.Array) -> tu
 
 
 def run_sequence(
-    weights: Weights, symbol_codes: jax.Array, image_codes: jax.Array, goal_code: jax.Array | None
+    weights: NetworkParameters, symbol_codes: jax.Array, image_codes: jax.Array, goal_code: jax.Array | None
 ) -> jax.Array:
     """Logits (B, K) along sequences of codes (B, K, dense) with the goal's code (B, dense), from the zero state."""
 

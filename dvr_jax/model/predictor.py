@@ -1,9 +1,9 @@
 """The network as the tree searches use it: a scene is encoded once, then each query costs one step of the GRU.
 
 predictor = Predictor.load(Path("out/train/network.npz"))
-code = predictor.begin(scene)
+code = predictor.encode_scene(scene)
 hidden = code.initial_hidden(len(children))
-probabilities, hidden = predictor.step(code, hidden, children)     # children: indices of actions
+probabilities, hidden = predictor.predict(code, hidden, children)     # children: indices of actions
 
 With a depth image of your own camera instead of a rendered one, for a plan too:
 
@@ -28,20 +28,20 @@ from numpy.typing import NDArray
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import Grounding, ground_actions
 from dvr_jax.model.encoding import encode_actions, goal_tuple
-from dvr_jax.model.export import load_weights
-from dvr_jax.model.header import Kind, NetworkMetadata
+from dvr_jax.model.export import load_parameters
+from dvr_jax.model.metadata import Kind, NetworkMetadata
 from dvr_jax.model.images import SceneImages, scene_images, stack_images
-from dvr_jax.model.network import NetworkConfig, Weights, encode_images, encode_symbols, input_gates, step_from_gates
+from dvr_jax.model.network import NetworkConfig, NetworkParameters, encode_images, encode_symbols, input_gates, step_from_gates
 from dvr_jax.runtime.compilation import Program
 from dvr_jax.scene.types import Scene
 from dvr_jax.workcell.constants import MAXIMUM_OBJECTS
 
 BATCH_SIZES = (16, 64, 256)
-"""ConstraintValues for which `step` is compiled; fewer are padded, more go in several calls. The children of a node are at most 16
+"""ConstraintValues for which `predict` is compiled; fewer are padded, more go in several calls. The children of a node are at most 16
 with two objects and 64 with eight, and padding costs less than another compilation."""
 
 OBJECT_NUMBERS = (1, 2, 4, 8)
-"""Numbers of objects for which `begin` is compiled."""
+"""Numbers of objects for which `encode_scene` is compiled."""
 
 _MOST_ACTIONS = 12 * MAXIMUM_OBJECTS
 
@@ -53,7 +53,7 @@ SHIPPED = Path(__file__).parents[1] / "networks"
 
 
 @dataclass(frozen=True, slots=True)
-class SceneCode:
+class SceneEncoding:
     """A scene as the network sees it."""
 
     scene: Scene
@@ -72,7 +72,7 @@ class SceneCode:
 class Predictor:
     """A trained network of any kind, for scenes of 1 to 8 objects."""
 
-    weights: Weights
+    weights: NetworkParameters
     kind: Kind
     images: SceneImages | None = None
     """What a camera of your own sees (`dvr_jax.model.images.depth_images`); by default scenes are rendered."""
@@ -80,18 +80,18 @@ class Predictor:
     @staticmethod
     def load(path: Path) -> Predictor:
         """From an exported file, or from the latest checkpoint of a training's folder."""
-        weights, header = load_weights(path)
+        weights, header = load_parameters(path)
         return Predictor.of(weights, header)
 
     @staticmethod
-    def of(weights: Weights, header: NetworkMetadata) -> Predictor:
+    def of(weights: NetworkParameters, header: NetworkMetadata) -> Predictor:
         """From weights in memory."""
         return Predictor(weights, header.kind)
 
     @property
     def checksum(self) -> str:
         """Of its weights, by which networks are told apart."""
-        leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(self.weights.parameters)]
+        leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(self.weights.tree)]
         return hashlib.sha256(b"".join(leaf.tobytes() for leaf in leaves)).hexdigest()[:16]
 
     @property
@@ -99,25 +99,25 @@ class Predictor:
         """Equal for networks that run the same compiled programs."""
         return self.weights.config
 
-    def look(self, scene: Scene) -> SceneImages:
+    def render(self, scene: Scene) -> SceneImages:
         """Heights and masks of a scene in the network's size, rendered unless there are images of another camera."""
         config = self.weights.config
         return scene_images(scene, config.image_size, config.rays) if self.images is None else self.images
 
-    def begin(self, scene: Scene, grounding: Grounding | None = None, images: SceneImages | None = None) -> SceneCode:
+    def encode_scene(self, scene: Scene, grounding: Grounding | None = None, images: SceneImages | None = None) -> SceneEncoding:
         """Encode a scene, once for a whole search.
 
         Args:
             scene: with 1 to 8 objects.
             grounding: that of its objects and goal, if known.
-            images: what `look` gave, if it was asked before.
+            images: what `render` gave, if it was asked before.
         """
         names = [item.name for item in scene.objects]
         if grounding is None:
             grounding = ground_actions(names, scene.goal.object)
         actions = encode_actions(grounding, scene.objects)
         number = next(size for size in OBJECT_NUMBERS if size >= len(names))
-        stack = stack_images([self._checked(self.look(scene) if images is None else images, scene)], number)
+        stack = stack_images([self._checked(self.render(scene) if images is None else images, scene)], number)
         pairs = np.full((2 * number, 2), len(names) + 1, np.int32)  # padding: two masks of zeros
         pairs[: len(actions.pairs)] = actions.pairs
         gates = _encode_scene(
@@ -128,7 +128,7 @@ class Predictor:
             np.asarray(goal_tuple(scene), np.int32),
             *(_padded(rows, 12 * number) for rows in (actions.symbol, actions.normal, actions.tuple_index)),
         )
-        return SceneCode(scene, grounding, gates, self.weights.config.hidden)
+        return SceneEncoding(scene, grounding, gates, self.weights.config.hidden)
 
     def _checked(self, images: SceneImages, scene: Scene) -> SceneImages:
         size = self.weights.config.image_size
@@ -139,8 +139,8 @@ class Predictor:
             )
         return images
 
-    def step(
-        self, code: SceneCode, hidden: NDArray[np.float32], actions: Sequence[int] | NDArray[np.integer]
+    def predict(
+        self, code: SceneEncoding, hidden: NDArray[np.float32], actions: Sequence[int] | NDArray[np.integer]
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Probabilities (B,) of the next actions `actions` (B,) after prefixes whose states are `hidden` (B, H), and
         the states (B, H) after those actions; one state (1, H) where all follow the same prefix."""
@@ -191,7 +191,7 @@ def _padded(rows: NDArray[Any], size: int) -> NDArray[Any]:
 
 @Program
 def _encode_scene(
-    weights: Weights,
+    weights: NetworkParameters,
     height: _Rows,
     masks: _Rows,
     pairs: _Rows,
@@ -211,7 +211,7 @@ def _encode_scene(
 
 
 @Program
-def _step(weights: Weights, gates: jax.Array, hidden: _Rows, actions: _Rows) -> tuple[jax.Array, jax.Array]:
+def _step(weights: NetworkParameters, gates: jax.Array, hidden: _Rows, actions: _Rows) -> tuple[jax.Array, jax.Array]:
     """Probabilities (B,) and states (B, H) after actions (B,)."""
     logit, after = step_from_gates(weights, jnp.asarray(hidden), gates[jnp.asarray(actions)])
     return jax.nn.sigmoid(logit), after

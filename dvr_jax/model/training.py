@@ -21,20 +21,20 @@ from numpy.typing import NDArray
 from dvr_jax.dataset import Examples
 from dvr_jax.logic import Action
 from dvr_jax.model.batches import Batch, SceneTable, assemble_batch
-from dvr_jax.model.header import Kind
+from dvr_jax.model.metadata import Kind
 from dvr_jax.model.metrics import average_precision, greedy_sequences
-from dvr_jax.model.network import Parameters, Weights, encode_images, encode_symbols, run_sequence
+from dvr_jax.model.network import ParameterTree, NetworkParameters, encode_images, encode_symbols, run_sequence
 from dvr_jax.scene.types import Scene
 
 VALIDATION_BATCH = 64
 
 ADAM = optax.scale_by_adam()
 
-Judge = Callable[[Sequence[tuple[Scene, tuple[Action, ...]]]], Sequence[bool]]
+FeasibilityOracle = Callable[[Sequence[tuple[Scene, tuple[Action, ...]]]], Sequence[bool]]
 """Says of sequences of scenes whether they are feasible."""
 
 
-def batch_logits(weights: Weights, height: jax.Array, masks: jax.Array, batch: Batch) -> jax.Array:
+def batch_logits(weights: NetworkParameters, height: jax.Array, masks: jax.Array, batch: Batch) -> jax.Array:
     """Logits (B, K) of a batch, its images taken from heights (S, H, W) and masks (S, M, H, W)."""
     shown = (batch.view_scene, batch.view_mirrored, batch.image_view, batch.image_pair)
     codes = encode_images(weights, height, masks, *(jnp.asarray(value) for value in shown))
@@ -56,7 +56,7 @@ def weighted_loss(
 
 @jax.jit
 def evaluate_batch(
-    weights: Weights, height: jax.Array, masks: jax.Array, batch: Batch, positive_weight: jax.Array
+    weights: NetworkParameters, height: jax.Array, masks: jax.Array, batch: Batch, positive_weight: jax.Array
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Loss () of a batch, the sum of weights () it is a mean over, and logits (B, K)."""
     logits = batch_logits(weights, height, masks, batch)
@@ -66,24 +66,24 @@ def evaluate_batch(
 
 @partial(jax.jit, donate_argnums=(0, 1))
 def train_step(
-    weights: Weights,
+    weights: NetworkParameters,
     optimizer: Any,
     height: jax.Array,
     masks: jax.Array,
     batch: Batch,
     learning_rate: jax.Array,
     positive_weight: jax.Array,
-) -> tuple[Weights, Any, jax.Array]:
-    """Weights and Adam's state after one step, and the loss () before it. Consumes weights and state."""
+) -> tuple[NetworkParameters, Any, jax.Array]:
+    """NetworkParameters and Adam's state after one step, and the loss () before it. Consumes weights and state."""
 
-    def loss(parameters: Parameters) -> jax.Array:
-        logits = batch_logits(Weights(parameters, weights.config), height, masks, batch)
+    def loss(parameters: ParameterTree) -> jax.Array:
+        logits = batch_logits(NetworkParameters(parameters, weights.config), height, masks, batch)
         return weighted_loss(logits, batch.target, batch.mask, positive_weight)[0]
 
-    value, gradient = jax.value_and_grad(loss)(weights.parameters)
+    value, gradient = jax.value_and_grad(loss)(weights.tree)
     direction, optimizer = ADAM.update(gradient, optimizer)
-    parameters = jax.tree.map(lambda old, d: old - learning_rate * d, weights.parameters, direction)
-    return Weights(parameters, weights.config), optimizer, value
+    parameters = jax.tree.map(lambda old, d: old - learning_rate * d, weights.tree, direction)
+    return NetworkParameters(parameters, weights.config), optimizer, value
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ class Validation:
     positive_weight: float
     solutions: dict[int, frozenset[tuple[int, ...]]]
     """Feasible sequences, by the labels, of the scenes that are searched greedily."""
-    judge: Judge | None
+    judge: FeasibilityOracle | None
     """Asked about greedy sequences that are none of these; without it they count as infeasible."""
     judged: dict[tuple[int, tuple[int, ...]], bool] = field(default_factory=dict)
     """What it has said of scene and sequence."""
@@ -112,7 +112,7 @@ class Validation:
         positive_weight: float,
         most_sequences: int,
         most_scenes: int,
-        judge: Judge | None = None,
+        judge: FeasibilityOracle | None = None,
     ) -> Validation:
         """At most so many of the sequences `rows`, and at most so many of their scenes that have a solution."""
         found: dict[int, set[tuple[int, ...]]] = {}
@@ -124,7 +124,7 @@ class Validation:
         solutions = {int(scene): frozenset(found[int(scene)]) for scene in scenes}
         return Validation(examples, table, _spread(rows, most_sequences), kind, positive_weight, solutions, judge)
 
-    def measure(self, weights: Weights) -> dict[str, float]:
+    def measure(self, weights: NetworkParameters) -> dict[str, float]:
         """Loss, average precision of the steps of full weight (where unknown targets weigh less: of the known ones)
         and, of a dvr network, the share of scenes with a solution in which the greedy sequence is feasible."""
         losses, totals, labels, scores = [], [], [], []

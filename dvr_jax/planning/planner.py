@@ -24,7 +24,7 @@ from dvr_jax.motion.motion import Motion
 from dvr_jax.planning.feasibility import motion_of
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.node import Node
-from dvr_jax.search.reasoning import Network
+from dvr_jax.search.predictor import Encoding, Images, SequencePredictor
 from dvr_jax.search.run import SOLVED
 from dvr_jax.search.searches import GUIDED, SEARCHES
 from dvr_jax.search.searches import search as run_search
@@ -76,7 +76,7 @@ def plan(
     seed: int = 0,
     time_limit: float = 300.0,
     progress: Callable[[str], None] = lambda line: None,
-    network: Network | None = None,
+    network: SequencePredictor[Images, Encoding] | None = None,
 ) -> Plan:
     """Search, optimise and check.
 
@@ -106,10 +106,9 @@ def plan(
         # Here and not above: the other searches need not wait for the import of flax.
         from dvr_jax.model.predictor import load_network
 
-        network = load_network(search)
-    kind = getattr(network, "kind", search)
-    if kind != search:
-        raise DvrError(f"the network is of the kind '{kind}'; the search '{search}' needs one of its own kind.")
+        return plan(scene, search, k_max, seed, time_limit, progress, load_network(search))
+    if network is not None and network.kind != search:
+        raise DvrError(f"the network is of the kind '{network.kind}'; the search '{search}' needs one of its own kind.")
     begin = time.monotonic()
     # A scene that cannot be is refused here, before anything is compiled for it.
     tree = SequenceTree(scene, k_max, seed, deadline=begin + time_limit)
@@ -151,7 +150,7 @@ def plan(
             "search": search,
             "k_max": k_max,
             "seed": seed,
-            "network": getattr(network, "checksum", None),
+            "network": network.checksum if network is not None else None,
             "time_limit": time_limit if math.isfinite(time_limit) else None,
         },
     )

@@ -228,7 +228,7 @@ def test_shards_make_a_network(folder: Path, tmp_path: Path, monkeypatch: pytest
     examples = load_examples(folder)
     assert 0 < manifest["counts"]["scenes"] <= len(examples.scenes)
     assert manifest["counts"]["sequences"] <= len(examples.length)
-    code = Predictor.load(tmp_path / "network.npz").begin(examples.scenes[0])
+    code = Predictor.load(tmp_path / "network.npz").encode_scene(examples.scenes[0])
     assert np.isfinite(code.gates).all()
 
 

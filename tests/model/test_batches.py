@@ -21,7 +21,7 @@ from dvr_jax.model.batches import (
     scene_table,
 )
 from dvr_jax.model.encoding import MIRRORED, SYMBOLS, direction
-from dvr_jax.model.header import Kind
+from dvr_jax.model.metadata import Kind
 from dvr_jax.model.images import scene_images, stack_images
 from dvr_jax.scene.sampling import sample_scenes
 
@@ -102,19 +102,19 @@ def without_solutions(hopeless: tuple[int, ...]) -> NDArray[np.intp]:
 
 
 def test_draw_depends_on_seed_and_step_alone() -> None:
-    draws = BatchSampler.of(MIXED, np.arange(len(MIXED.scene)), 3, 48, 16)
-    drawn = [draws.draw(3, step) for step in range(20)]
+    sampler = BatchSampler.of(MIXED, np.arange(len(MIXED.scene)), 3, 48, 16)
+    drawn = [sampler.draw(3, step) for step in range(20)]
     for step, batch in enumerate(drawn):
-        np.testing.assert_array_equal(batch, draws.draw(3, step))
+        np.testing.assert_array_equal(batch, sampler.draw(3, step))
     assert len({tuple(batch) for batch in drawn}) == 20
-    assert tuple(draws.draw(4, 0)) != tuple(drawn[0])
+    assert tuple(sampler.draw(4, 0)) != tuple(drawn[0])
 
 
 def test_batch_is_dealt_out_to_its_scenes_and_holds_enough_feasible() -> None:
     rows = without_solutions((0, 2, 3))
-    draws = BatchSampler.of(MIXED, np.random.default_rng(0).permutation(rows), 2, 48, 16)
+    sampler = BatchSampler.of(MIXED, np.random.default_rng(0).permutation(rows), 2, 48, 16)
     for step in range(50):
-        batch = draws.draw(0, step)
+        batch = sampler.draw(0, step)
         assert len(batch) == 48 and np.isin(batch, rows).all()
         first, rest = MIXED.scene[batch[:16]], MIXED.scene[batch[16:]]
         assert MIXED.feasible[batch[:16]].all() and set(first) == set(rest) - {0, 2, 3}
@@ -128,8 +128,8 @@ def test_others_are_drawn_evenly_by_the_number_of_actions_after_which_they_are_r
     rows = np.arange(len(MIXED.scene))[MIXED.scene == 3]
     # Half of the longest are continuations of what was refuted after two actions.
     refuted = np.where((MIXED.length == 3) & (np.arange(len(MIXED.scene)) % 2 == 0), 2, MIXED.refuted_after)
-    draws = BatchSampler.of(MIXED._replace(refuted_after=refuted), rows, 1, 48, 0, stratified)
-    drawn = np.concatenate([draws.draw(0, step) for step in range(400)])
+    sampler = BatchSampler.of(MIXED._replace(refuted_after=refuted), rows, 1, 48, 0, stratified)
+    drawn = np.concatenate([sampler.draw(0, step) for step in range(400)])
     kinds = 10 * refuted + MIXED.length
     kinds[MIXED.feasible] = 0
     share = {kind: np.mean(kinds[drawn] == kind) for kind in (0, 22, 23, 33)}
@@ -149,13 +149,13 @@ def test_steps_count_as_much_as_their_target_weighs() -> None:
 @pytest.mark.parametrize("least_feasible", [16, 0])
 @pytest.mark.parametrize("kind", ["dvr", "classifier"])
 def test_share_of_ones_is_what_batches_hold_on_average(kind: Kind, least_feasible: int) -> None:
-    """Scenes without solutions, which draws with feasible sequences hold less often, have more and longer rows."""
+    """Scenes without solutions, which sampler with feasible sequences hold less often, have more and longer rows."""
     rows = without_solutions((2, 3, 4))
-    draws = BatchSampler.of(MIXED, rows[~((MIXED.scene[rows] < 2) & (MIXED.length[rows] > 2))], 2, 48, least_feasible)
+    sampler = BatchSampler.of(MIXED, rows[~((MIXED.scene[rows] < 2) & (MIXED.length[rows] > 2))], 2, 48, least_feasible)
     examples = MIXED._replace(refuted_after=np.minimum(MIXED.refuted_after, 2))
-    batches = [assemble_batch(examples, TABLE, draws.draw(0, step), kind) for step in range(1_000)]
+    batches = [assemble_batch(examples, TABLE, sampler.draw(0, step), kind) for step in range(1_000)]
     share = sum(batch.target.sum() for batch in batches) / sum(batch.mask.sum() for batch in batches)
-    assert abs(share - draws.share_of_ones(examples, kind)) < 0.01
+    assert abs(share - sampler.share_of_ones(examples, kind)) < 0.01
 
 
 def test_held_out_scenes_stay_when_scenes_are_added() -> None:

@@ -11,13 +11,13 @@ import pytest
 
 from dvr_jax.errors import DvrError
 from dvr_jax.model.checkpoint import CheckpointFolder, TrainingState
-from dvr_jax.model.export import export_weights, load_weights
-from dvr_jax.model.header import NetworkMetadata
-from dvr_jax.model.network import NetworkConfig, initial_weights
+from dvr_jax.model.export import export_network, load_parameters
+from dvr_jax.model.metadata import NetworkMetadata
+from dvr_jax.model.network import NetworkConfig, initial_parameters
 from dvr_jax.model.predictor import Predictor
 
 CONFIG = NetworkConfig(image_size=16, channels=(1, 2, 2), dense=4, hidden=5)
-WEIGHTS = initial_weights(CONFIG, 1)
+WEIGHTS = initial_parameters(CONFIG, 1)
 HEADER = NetworkMetadata("dvr", CONFIG, training={"batch": 48, "learning_rate": 5e-4})
 
 
@@ -29,20 +29,20 @@ def same(one: Any, other: Any) -> bool:
 
 def test_checkpoint_gives_back_the_state(tmp_path: Path) -> None:
     adam = optax.scale_by_adam()
-    _, optimizer = adam.update(WEIGHTS.parameters, adam.init(WEIGHTS.parameters))
+    _, optimizer = adam.update(WEIGHTS.tree, adam.init(WEIGHTS.tree))
     folder = CheckpointFolder(tmp_path / "run", keep=1)
     assert folder.latest() is None
     for step in (5, 9):
         folder.save(TrainingState(WEIGHTS, optimizer, step, 77), HEADER)
     folder.close()
     again = CheckpointFolder(tmp_path / "run")
-    blank = initial_weights(CONFIG, 2)
-    state = again.restore(TrainingState(blank, adam.init(blank.parameters), 0, 0), HEADER)
+    blank = initial_parameters(CONFIG, 2)
+    state = again.restore(TrainingState(blank, adam.init(blank.tree), 0, 0), HEADER)
     assert (state.step, state.seed) == (9, 77)
     assert same(state.weights, WEIGHTS) and same(state.optimizer, optimizer)
     assert again.header(9) == HEADER
     assert sorted(path.name for path in (tmp_path / "run").iterdir()) == ["9"]
-    weights, header = load_weights(tmp_path / "run")
+    weights, header = load_parameters(tmp_path / "run")
     assert same(weights, WEIGHTS) and header == HEADER
     assert same(Predictor.load(tmp_path / "run").weights, WEIGHTS)
 
@@ -68,15 +68,15 @@ def test_another_run_is_not_continued(other: NetworkMetadata, message: str) -> N
 
 def test_export_gives_back_weights_and_header(tmp_path: Path) -> None:
     path = tmp_path / "new" / "network.npz"
-    export_weights(path, WEIGHTS, HEADER)
-    weights, header = load_weights(path)
+    export_network(path, WEIGHTS, HEADER)
+    weights, header = load_parameters(path)
     assert same(weights, WEIGHTS) and header == HEADER
     assert [item.name for item in path.parent.iterdir()] == ["network.npz"]
 
 
 def rewrite(path: Path, change: dict[str, Any]) -> None:
     """An export with parts of the header or whole arrays replaced."""
-    export_weights(path, WEIGHTS, HEADER)
+    export_network(path, WEIGHTS, HEADER)
     with np.load(path) as file:
         arrays: dict[str, Any] = dict(file)
     record = json.loads(str(arrays["header"]))
@@ -109,7 +109,7 @@ def rewrite(path: Path, change: dict[str, Any]) -> None:
 def test_exports_that_do_not_fit_are_refused(tmp_path: Path, change: dict[str, Any], message: str) -> None:
     rewrite(tmp_path / "network.npz", change)
     with pytest.raises(DvrError, match=message):
-        load_weights(tmp_path / "network.npz")
+        load_parameters(tmp_path / "network.npz")
 
 
 def test_what_is_no_network_is_refused(tmp_path: Path) -> None:
@@ -117,10 +117,10 @@ def test_what_is_no_network_is_refused(tmp_path: Path) -> None:
     for content in (b"", b"nonsense", b"PK\x03\x04cut short"):
         path.write_bytes(content)
         with pytest.raises(DvrError, match="no exported network"):
-            load_weights(path)
+            load_parameters(path)
     np.savez(path, a=np.zeros(3))
     with pytest.raises(DvrError, match="no exported network"):
-        load_weights(path)
+        load_parameters(path)
     (tmp_path / "empty").mkdir()
     with pytest.raises(DvrError, match="there is no checkpoint"):
-        load_weights(tmp_path / "empty")
+        load_parameters(tmp_path / "empty")

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from labelled import sided_examples
 
 from dvr_jax.model.batches import scene_table
-from dvr_jax.model.header import NetworkMetadata
+from dvr_jax.model.metadata import NetworkMetadata
 from dvr_jax.model.images import scene_images, stack_images
 from dvr_jax.model.metrics import average_precision, greedy_sequences
-from dvr_jax.model.network import NetworkConfig, initial_weights
+from dvr_jax.model.network import NetworkConfig, initial_parameters
 from dvr_jax.model.predictor import Predictor
 
 
@@ -45,13 +45,13 @@ def test_average_precision_on_paper() -> None:
 
 def test_greedy_sequences_take_the_best_of_the_predictor_at_each_step() -> None:
     examples = sided_examples(3, 5)
-    weights = initial_weights(NetworkConfig(image_size=16, channels=(2, 2, 2), dense=8, hidden=12), 1)
+    weights = initial_parameters(NetworkConfig(image_size=16, channels=(2, 2, 2), dense=8, hidden=12), 1)
     table = scene_table(examples.scenes, stack_images([scene_images(scene, 16, 4) for scene in examples.scenes], 2))
     predictor = Predictor.of(weights, NetworkMetadata("dvr", weights.config))
     k_max = 5
     sequences = greedy_sequences(weights, table, [2, 0, 1], k_max)
     for scene, sequence in zip((2, 0, 1), sequences, strict=True):
-        code = predictor.begin(examples.scenes[scene])
+        code = predictor.encode_scene(examples.scenes[scene])
         grounding, hidden, state = code.grounding, code.initial_hidden(), code.grounding.initial_state
         grounding.check_sequence([grounding.actions[index] for index in sequence])
         for depth, taken in enumerate(sequence):
@@ -60,7 +60,7 @@ def test_greedy_sequences_take_the_best_of_the_predictor_at_each_step() -> None:
                 for index in grounding.applicable(state)
                 if grounding.can_reach_goal(grounding.successor(state, index), k_max - depth - 1)
             ]
-            probabilities, after = predictor.step(code, np.repeat(hidden, len(open_actions), axis=0), open_actions)
+            probabilities, after = predictor.predict(code, np.repeat(hidden, len(open_actions), axis=0), open_actions)
             assert taken == open_actions[int(np.argmax(probabilities))]
             hidden = after[[np.argmax(probabilities)]]
             state = grounding.successor(state, taken)

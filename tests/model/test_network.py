@@ -15,11 +15,11 @@ from dvr_jax.errors import DvrError
 from dvr_jax.model.network import (
     Network,
     NetworkConfig,
-    Parameters,
-    Weights,
+    ParameterTree,
+    NetworkParameters,
     encode_images,
     encode_symbols,
-    initial_weights,
+    initial_parameters,
     run_sequence,
     step,
 )
@@ -27,9 +27,9 @@ from dvr_jax.model.network import (
 SMALL = NetworkConfig(image_size=16, channels=(2, 3, 4), dense=7, hidden=11)
 
 
-def random_weights(config: NetworkConfig, seed: int = 0) -> Weights:
+def random_weights(config: NetworkConfig, seed: int = 0) -> NetworkParameters:
     """With biases that are not zero."""
-    weights = initial_weights(config, seed)
+    weights = initial_parameters(config, seed)
     generator = np.random.default_rng(seed)
     return jax.tree.map(lambda leaf: leaf + generator.normal(0, 0.1, leaf.shape).astype("float32"), weights)
 
@@ -54,11 +54,11 @@ def test_image_encoder_is_three_correlations_and_a_dense_layer(pooling: bool) ->
     network, variables = weights.network()
     code = network.apply(variables, image[None], method=Network.encode_images)
     for i, stride in enumerate((1, 2, 2)):
-        image = convolve(image, weights.parameters[f"convolutions_{i}"], stride)
-    dense = weights.parameters["image_dense"]
+        image = convolve(image, weights.tree[f"convolutions_{i}"], stride)
+    dense = weights.tree["image_dense"]
     expected = image.ravel() @ np.asarray(dense["kernel"], float) + np.asarray(dense["bias"], float)
     if pooling:
-        expected = expected + image.max((0, 1)) @ np.asarray(weights.parameters["pool_dense"]["kernel"], float)
+        expected = expected + image.max((0, 1)) @ np.asarray(weights.tree["pool_dense"]["kernel"], float)
     np.testing.assert_allclose(np.asarray(code)[0], expected, rtol=1e-4, atol=1e-5)
 
 
@@ -76,9 +76,9 @@ def test_fast_encoder_is_the_network_on_whole_images_in_values_and_gradients(poo
     view[-1], pairs[-1] = view[0], (1, 3)
     target = generator.normal(size=(number, config.dense)).astype(np.float32)
 
-    def fast(parameters: Parameters) -> tuple[jax.Array, jax.Array]:
+    def fast(parameters: ParameterTree) -> tuple[jax.Array, jax.Array]:
         arrays = (jnp.asarray(item) for item in (height, masks, scene, mirrored, view, pairs))
-        codes = encode_images(Weights(parameters, config), *arrays)
+        codes = encode_images(NetworkParameters(parameters, config), *arrays)
         return jnp.vdot(codes, target) / number, codes
 
     images = np.zeros((number, size, size, 3), np.float32)
@@ -87,12 +87,12 @@ def test_fast_encoder_is_the_network_on_whole_images_in_values_and_gradients(poo
         in_x, in_y = mirrored[which]
         image[:] = channels[:: -1 if in_y else 1, :: -1 if in_x else 1]
 
-    def plain(parameters: Parameters) -> tuple[jax.Array, jax.Array]:
+    def plain(parameters: ParameterTree) -> tuple[jax.Array, jax.Array]:
         codes: Any = Network(config).apply({"params": parameters}, images, method=Network.encode_images)
         return jnp.vdot(codes, target) / number, codes
 
-    (_, mine), my_gradient = jax.jit(jax.value_and_grad(fast, has_aux=True))(weights.parameters)
-    (_, theirs), their_gradient = jax.jit(jax.value_and_grad(plain, has_aux=True))(weights.parameters)
+    (_, mine), my_gradient = jax.jit(jax.value_and_grad(fast, has_aux=True))(weights.tree)
+    (_, theirs), their_gradient = jax.jit(jax.value_and_grad(plain, has_aux=True))(weights.tree)
     np.testing.assert_allclose(mine, theirs, rtol=1e-5, atol=1e-5 * float(jnp.abs(theirs).max()))
     for one, other in zip(*map(jax.tree.leaves, (my_gradient, their_gradient)), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-5 * float(jnp.abs(other).max()))
@@ -106,11 +106,11 @@ def test_step_is_a_gru_and_a_linear_layer() -> None:
     )
     logit, after = step(weights, hidden, symbol, image, goal)
     inputs = np.concatenate([symbol, image, goal], axis=-1)
-    theirs, _ = nn.GRUCell(11).apply({"params": weights.parameters["cell"]}, hidden, inputs)
+    theirs, _ = nn.GRUCell(11).apply({"params": weights.tree["cell"]}, hidden, inputs)
     np.testing.assert_allclose(after, theirs, atol=1e-6)
 
     def gate(name: str, values: Any) -> Any:
-        layer = weights.parameters["cell"][name]
+        layer = weights.tree["cell"][name]
         return np.asarray(values, float) @ np.asarray(layer["kernel"], float) + np.asarray(
             layer.get("bias", 0.0), float
         )
@@ -120,7 +120,7 @@ def test_step_is_a_gru_and_a_linear_layer() -> None:
     candidate = np.tanh(gate("in", inputs) + reset * gate("hn", hidden))
     by_hand = (1 - update) * candidate + update * np.asarray(hidden, float)
     np.testing.assert_allclose(after, by_hand, atol=1e-5)
-    output = weights.parameters["output"]
+    output = weights.tree["output"]
     np.testing.assert_allclose(logit, (by_hand @ np.asarray(output["kernel"]) + output["bias"])[:, 0], atol=1e-5)
 
 
@@ -139,20 +139,20 @@ def test_sequence_agrees_with_single_steps(goal: bool) -> None:
 
 
 def test_sizes_are_those_of_the_paper() -> None:
-    shapes = jax.tree.map(jnp.shape, initial_weights(NetworkConfig(normals=False, pooling=False), 0).parameters)
+    shapes = jax.tree.map(jnp.shape, initial_parameters(NetworkConfig(normals=False, pooling=False), 0).tree)
     assert [shapes[f"convolutions_{i}"]["kernel"] for i in range(3)] == [(5, 5, 3, 5), (5, 5, 5, 10), (5, 5, 10, 10)]
     assert shapes["image_dense"]["kernel"] == (16 * 16 * 10, 100) and "pool_dense" not in shapes
     assert shapes["symbol_dense"]["kernel"] == (12, 100)
     assert shapes["cell"]["in"]["kernel"] == (300, 300) and shapes["cell"]["hn"]["kernel"] == (300, 300)
     assert shapes["output"]["kernel"] == (300, 1)
-    classifier = initial_weights(NetworkConfig(goal=False), 0).parameters
+    classifier = initial_parameters(NetworkConfig(goal=False), 0).tree
     assert classifier["cell"]["in"]["kernel"].shape == (200, 300)
     assert classifier["symbol_dense"]["kernel"].shape == (12 + 2, 100)  # beyond the paper: a face's normal
 
 
 def test_parameters_are_single_precision_whatever_the_default() -> None:
     assert jax.config.values["jax_enable_x64"]
-    weights = initial_weights(SMALL, 0)
+    weights = initial_parameters(SMALL, 0)
     assert {leaf.dtype for leaf in jax.tree.leaves(weights)} == {jnp.dtype("float32")}
     codes = encode_symbols(weights, jnp.arange(12)[None], jnp.zeros((1, 12, 2), "float32"))
     assert run_sequence(weights, codes, codes, codes[:, 0]).dtype == jnp.float32

@@ -12,15 +12,15 @@ from dvr_jax.errors import DvrError
 from dvr_jax.logic import FACES, enumerate_sequences
 from dvr_jax.model import predictor as module
 from dvr_jax.model.encoding import SYMBOLS, direction
-from dvr_jax.model.export import export_weights
-from dvr_jax.model.header import NetworkMetadata
+from dvr_jax.model.export import export_network
+from dvr_jax.model.metadata import NetworkMetadata
 from dvr_jax.model.images import BRIGHTNESS, WHOLE_PIXEL, depth_images, scene_images
-from dvr_jax.model.network import Network, NetworkConfig, initial_weights
+from dvr_jax.model.network import Network, NetworkConfig, initial_parameters
 from dvr_jax.model.predictor import BATCH_SIZES, SHIPPED, Predictor, load_network
 from dvr_jax.scene.camera import empty_depth, render_depth
 from dvr_jax.scene.sampling import SceneDistribution, sample_scenes
 
-WEIGHTS = initial_weights(NetworkConfig(image_size=16, channels=(2, 3, 3), dense=9, hidden=13), 4)
+WEIGHTS = initial_parameters(NetworkConfig(image_size=16, channels=(2, 3, 3), dense=9, hidden=13), 4)
 PREDICTOR = Predictor.of(WEIGHTS, NetworkMetadata("dvr", WEIGHTS.config))
 SPARSE = SceneDistribution(wide_side=(0.05, 0.08))
 
@@ -28,7 +28,7 @@ SPARSE = SceneDistribution(wide_side=(0.05, 0.08))
 @pytest.mark.parametrize("number", [1, 2, 3, 5, 8])
 def test_steps_are_the_network_on_the_actions_images(number: int) -> None:
     scene = next(sample_scenes(1, number, 1, SPARSE))
-    code = PREDICTOR.begin(scene)
+    code = PREDICTOR.encode_scene(scene)
     sequence = next(enumerate_sequences(code.grounding, 4))
     network, variables = WEIGHTS.network()
     images = scene_images(scene, 16, 4)
@@ -51,7 +51,7 @@ def test_steps_are_the_network_on_the_actions_images(number: int) -> None:
         normal = jnp.array([[np.cos(turn), np.sin(turn)]], jnp.float32) * (action.operator == "grasp")
         word = network.apply(variables, jnp.array([symbol]), normal, method=Network.encode_symbols)
         logit, theirs = network.apply(variables, theirs, word, image, goal, method=Network.step)
-        probability, mine = PREDICTOR.step(code, mine, [index])
+        probability, mine = PREDICTOR.predict(code, mine, [index])
         np.testing.assert_allclose(probability, 1 / (1 + np.exp(-np.asarray(logit))), atol=1e-5)
         np.testing.assert_allclose(mine, theirs, atol=1e-5)
 
@@ -61,8 +61,8 @@ def test_images_of_another_camera_take_the_place_of_the_rendered_ones() -> None:
     seen = render_depth(scene, 64, 64)
 
     def answer(predictor: Predictor) -> NDArray[np.float32]:
-        code = predictor.begin(scene)
-        return predictor.step(code, code.initial_hidden(24), range(24))[0]
+        code = predictor.encode_scene(scene)
+        return predictor.predict(code, code.initial_hidden(24), range(24))[0]
 
     def answer_to(depth: NDArray[np.float32]) -> NDArray[np.float32]:
         return answer(replace(PREDICTOR, images=depth_images(scene, replace(seen, depth=depth), 16)))
@@ -78,25 +78,25 @@ def test_images_of_another_camera_take_the_place_of_the_rendered_ones() -> None:
 
 
 def test_rows_do_not_see_each_other_nor_the_padding() -> None:
-    code = PREDICTOR.begin(next(sample_scenes(1, 2, 0)))
+    code = PREDICTOR.encode_scene(next(sample_scenes(1, 2, 0)))
     generator = np.random.default_rng(0)
     number = BATCH_SIZES[-1] + 3
     actions, hidden = generator.integers(0, 24, number), generator.normal(size=(number, 13)).astype(np.float32)
-    probabilities, after = PREDICTOR.step(code, hidden, actions)
+    probabilities, after = PREDICTOR.predict(code, hidden, actions)
     for row in (0, 7, number - 1):
-        alone, state = PREDICTOR.step(code, hidden[[row]], actions[[row]])
+        alone, state = PREDICTOR.predict(code, hidden[[row]], actions[[row]])
         np.testing.assert_allclose(alone[0], probabilities[row], atol=1e-6)
         np.testing.assert_allclose(state[0], after[row], atol=1e-6)
-    assert [item.shape for item in PREDICTOR.step(code, hidden[:0], [])] == [(0,), (0, 13)]
+    assert [item.shape for item in PREDICTOR.predict(code, hidden[:0], [])] == [(0,), (0, 13)]
 
 
 def test_one_state_serves_all_actions() -> None:
-    code = PREDICTOR.begin(next(sample_scenes(1, 2, 0)))
+    code = PREDICTOR.encode_scene(next(sample_scenes(1, 2, 0)))
     hidden = np.random.default_rng(0).normal(size=(1, 13)).astype(np.float32)
     for number in (1, 7, 24):
         for mine, theirs in zip(
-            PREDICTOR.step(code, hidden, range(number)),
-            PREDICTOR.step(code, np.repeat(hidden, number, axis=0), range(number)),
+            PREDICTOR.predict(code, hidden, range(number)),
+            PREDICTOR.predict(code, np.repeat(hidden, number, axis=0), range(number)),
             strict=True,
         ):
             np.testing.assert_allclose(mine, theirs, atol=1e-6)
@@ -114,29 +114,29 @@ def test_few_shapes_are_compiled_and_images_encoded_once(monkeypatch: pytest.Mon
             return original(*args)  # type: ignore[operator]
 
         monkeypatch.setattr(module, name, counted)
-    code = PREDICTOR.begin(next(sample_scenes(1, 2, 0)))
+    code = PREDICTOR.encode_scene(next(sample_scenes(1, 2, 0)))
     for number in range(1, 300, 13):
-        PREDICTOR.step(code, code.initial_hidden(number), np.zeros(number, int))
+        PREDICTOR.predict(code, code.initial_hidden(number), np.zeros(number, int))
     assert calls["_step"] == {(size,) for size in BATCH_SIZES}
     assert counts["_encode_scene"] == 1
 
 
 def test_classifier_needs_no_goal(tmp_path: Path) -> None:
-    weights = initial_weights(NetworkConfig(image_size=16, channels=(1, 1, 1), dense=4, hidden=5, goal=False), 0)
-    export_weights(tmp_path / "network.npz", weights, NetworkMetadata("classifier", weights.config))
+    weights = initial_parameters(NetworkConfig(image_size=16, channels=(1, 1, 1), dense=4, hidden=5, goal=False), 0)
+    export_network(tmp_path / "network.npz", weights, NetworkMetadata("classifier", weights.config))
     predictor = Predictor.load(tmp_path / "network.npz")
     assert predictor.kind == "classifier"
-    code = predictor.begin(next(sample_scenes(1, 1, 0)))
-    probabilities, _ = predictor.step(code, code.initial_hidden(12), range(12))
+    code = predictor.encode_scene(next(sample_scenes(1, 1, 0)))
+    probabilities, _ = predictor.predict(code, code.initial_hidden(12), range(12))
     assert probabilities.shape == (12,) and np.all((probabilities > 0) & (probabilities < 1))
 
 
 def test_wrong_queries_are_refused() -> None:
-    code = PREDICTOR.begin(next(sample_scenes(1, 1, 0)))
+    code = PREDICTOR.encode_scene(next(sample_scenes(1, 1, 0)))
     with pytest.raises(DvrError, match="no action 12; valid are 0 to 11"):
-        PREDICTOR.step(code, code.initial_hidden(), [12])
+        PREDICTOR.predict(code, code.initial_hidden(), [12])
     with pytest.raises(DvrError, match=r"shape \(3, 13\); valid is \(2, 13\)"):
-        PREDICTOR.step(code, code.initial_hidden(3), [0, 1])
+        PREDICTOR.predict(code, code.initial_hidden(3), [0, 1])
 
 
 def test_the_shipped_network_is_read_once() -> None:

@@ -75,17 +75,17 @@ class Guess:
     def __init__(self, guess) -> None:
         self.guess = guess
 
-    def look(self, scene) -> str:
+    def render(self, scene) -> str:
         return "image"
 
-    def begin(self, scene, grounding=None, images=None) -> "Guess":
+    def encode_scene(self, scene, grounding=None, images=None) -> "Guess":
         assert images == "image"
         return self
 
     def initial_hidden(self, number: int = 1) -> NDArray[np.float32]:
         return np.zeros((number, 1), np.float32)
 
-    def step(self, code, hidden: NDArray[np.float32], actions: Sequence[int]):
+    def predict(self, encoding, hidden: NDArray[np.float32], actions: Sequence[int]):
         after = (hidden.astype(int) * 37 + np.asarray(actions)[:, None] + 1) % 8388593
         return np.array([self.guess(int(state[0])) for state in after], np.float32), after.astype(np.float32)
 
@@ -153,16 +153,16 @@ class Script:
         self.prefixes: list[tuple[Action, ...]] = [()]
         self.asked: list[tuple[Action, ...]] = []
 
-    def look(self, scene: Scene) -> str:
+    def render(self, scene: Scene) -> str:
         return "image"
 
-    def begin(self, scene: Scene, grounding: Grounding, images: str) -> "Script":
+    def encode_scene(self, scene: Scene, grounding: Grounding, images: str) -> "Script":
         return self
 
     def initial_hidden(self) -> NDArray[np.float32]:
         return np.zeros((1, 1), np.float32)
 
-    def step(self, code: "Script", hidden: NDArray[np.float32], actions: Sequence[int]):
+    def predict(self, encoding: "Script", hidden: NDArray[np.float32], actions: Sequence[int]):
         prefix = self.prefixes[int(hidden[0, 0])]
         self.asked.append(prefix)
         children = [(*prefix, GROUNDING.actions[index]) for index in actions]

@@ -32,12 +32,12 @@ from dvr_jax.model.batches import (
     scene_table,
 )
 from dvr_jax.model.checkpoint import CheckpointFolder, TrainingState
-from dvr_jax.model.export import export_weights
-from dvr_jax.model.header import Kind, NetworkMetadata
+from dvr_jax.model.export import export_network
+from dvr_jax.model.metadata import Kind, NetworkMetadata
 from dvr_jax.model.history import History, save_curves
 from dvr_jax.model.images import LARGEST_HEIGHT, UNIT_HEIGHT, WHOLE_PIXEL, ImageStack, scene_images, stack_images
-from dvr_jax.model.network import NetworkConfig, Weights, initial_weights
-from dvr_jax.model.training import ADAM, Judge, Validation, train_step
+from dvr_jax.model.network import NetworkConfig, NetworkParameters, initial_parameters
+from dvr_jax.model.training import ADAM, FeasibilityOracle, Validation, train_step
 from dvr_jax.runtime.files import write_whole
 from dvr_jax.scene.pinhole import SCENE_CAMERA
 from dvr_jax.scene.types import Scene
@@ -149,7 +149,7 @@ class TrainingData:
 
     examples: Examples
     table: SceneTable
-    draws: BatchSampler
+    sampler: BatchSampler
     """Sequences that are trained on."""
     positive_weight: float
     validation: Validation | None
@@ -162,7 +162,7 @@ def prepare(
     examples: Examples,
     held_out: Examples | None,
     say: Say = print,
-    judge: Judge | None = None,
+    judge: FeasibilityOracle | None = None,
 ) -> TrainingData:
     """Check, split, render; `held_out` are separate held-out examples, and the judge is asked about greedy sequences of
     which labels say nothing."""
@@ -178,12 +178,12 @@ def prepare(
         rows, validation_rows = rows[~aside], rows[aside]
         if not len(rows):
             raise DvrError(f"all {len(examples.scenes)} scenes are held out; give more scenes or a smaller --held-out.")
-    draws = BatchSampler.of(
+    sampler = BatchSampler.of(
         examples, rows, options.batch_scenes, options.batch, options.least_feasible, options.stratified
     )
     weight = options.positive_weight
     if weight is None:
-        share = draws.share_of_ones(examples, options.kind)
+        share = sampler.share_of_ones(examples, options.kind)
         weight = (1 - share) / share if 0 < share < 1 else 1.0
     limits = options.kind, weight, options.validation_sequences, options.validation_scenes
     validation = None
@@ -195,14 +195,14 @@ def prepare(
         validation = Validation.of(held_out, other, np.arange(len(held_out.scene)), *limits, judge)
     elif len(validation_rows):
         validation = Validation.of(examples, table, validation_rows, *limits, judge)
-    return TrainingData(examples, table, draws, weight, validation, _fingerprint(examples))
+    return TrainingData(examples, table, sampler, weight, validation, _fingerprint(examples))
 
 
-def train(options: TrainOptions, data: TrainingData, network: NetworkConfig, say: Say = print) -> Weights:
+def train(options: TrainOptions, data: TrainingData, network: NetworkConfig, say: Say = print) -> NetworkParameters:
     """Train from the start or from the latest checkpoint in `options.out`; returns the last weights."""
     checkpoints = CheckpointFolder(options.out / "checkpoints")
-    weights = initial_weights(network, options.seed)
-    state = TrainingState(weights, ADAM.init(weights.parameters), 0, options.seed)
+    weights = initial_parameters(network, options.seed)
+    state = TrainingState(weights, ADAM.init(weights.tree), 0, options.seed)
     latest = checkpoints.latest()
     if latest is not None:
         if latest > options.steps:
@@ -214,7 +214,7 @@ def train(options: TrainOptions, data: TrainingData, network: NetworkConfig, say
     with History(options.out, state.step) as history:
         losses, clock = [], time.monotonic()
         for step in range(state.step + 1, options.steps + 1):
-            rows = data.draws.draw(options.seed, step)
+            rows = data.sampler.draw(options.seed, step)
             mirrored = draw_mirrored(len(data.examples.scenes), options.seed, step) if options.mirror else None
             batch = assemble_batch(data.examples, data.table, rows, options.kind, mirrored)
             rate = jnp.float32(_learning_rate(options, step))
@@ -235,12 +235,12 @@ def train(options: TrainOptions, data: TrainingData, network: NetworkConfig, say
                 say(f"step {step:>7}  held out: " + "  ".join(f"{name} {value:.4f}" for name, value in figures.items()))
                 clock = time.monotonic()
             if step % options.checkpoint_every == 0 or step == options.steps:
-                _require_finite("norm of the weights", float(optax.tree.norm(weights.parameters)), step)
+                _require_finite("norm of the weights", float(optax.tree.norm(weights.tree)), step)
                 state = TrainingState(weights, optimizer, step, options.seed)
                 checkpoints.save(state, _header(options, data, network, step))
         records = history.records
     checkpoints.close()
-    export_weights(options.out / "network.npz", weights, _header(options, data, network, options.steps))
+    export_network(options.out / "network.npz", weights, _header(options, data, network, options.steps))
     if not save_curves(options.out / "curves.png", records):
         say("no curves.png: matplotlib is not installed (pip install '.[plots]' in the repository)")
     return weights

@@ -25,11 +25,11 @@ from dvr_jax.dataset import Examples, write_shard
 from dvr_jax.errors import DvrError, run_command
 from dvr_jax.logic import Action, ground_actions
 from dvr_jax.model.batches import assemble_batch
-from dvr_jax.model.export import load_weights
+from dvr_jax.model.export import load_parameters
 from dvr_jax.model.history import History, read_history
-from dvr_jax.model.network import NetworkConfig, initial_weights
+from dvr_jax.model.network import NetworkConfig, initial_parameters
 from dvr_jax.model.predictor import Predictor
-from dvr_jax.model.run import TrainOptions, prepare, train
+from dvr_jax.model.training_run import TrainOptions, prepare, train
 from dvr_jax.model.training import evaluate_batch, train_step, weighted_loss
 from dvr_jax.planning.feasibility import feasibility
 from dvr_jax.scene.sampling import scene_of_seed
@@ -74,16 +74,16 @@ def test_learns_which_arm_is_on_the_objects_side(tmp_path: Path) -> None:
     assert data.positive_weight == pytest.approx(0.5)  # a third drawn of the feasible, the others half and half
     lines: list[str] = []
     train(replace(options, validate_every=120), data, SMALL, lines.append)
-    weights, _ = load_weights(tmp_path / "network.npz")
-    batch = assemble_batch(EXAMPLES, data.table, data.draws.rows, "dvr")
+    weights, _ = load_parameters(tmp_path / "network.npz")
+    batch = assemble_batch(EXAMPLES, data.table, data.sampler.rows, "dvr")
     _, _, logits = evaluate_batch(weights, data.table.height, data.table.masks, batch, jnp.float32(1))
     counts = batch.mask > 0
     assert np.mean((np.asarray(logits) > 0)[counts] == (batch.target > 0.5)[counts]) > 0.95
 
     # What the searches load says the same of a scene that was trained on, and files are there to look at.
-    predictor, scene = Predictor.load(tmp_path / "network.npz"), EXAMPLES.scenes[EXAMPLES.scene[data.draws.rows[0]]]
-    code = predictor.begin(scene)
-    probabilities, _ = predictor.step(code, code.initial_hidden(24), range(24))
+    predictor, scene = Predictor.load(tmp_path / "network.npz"), EXAMPLES.scenes[EXAMPLES.scene[data.sampler.rows[0]]]
+    code = predictor.encode_scene(scene)
+    probabilities, _ = predictor.predict(code, code.initial_hidden(24), range(24))
     wanted = "left" if scene.objects[scene.goal_index].position[0] < 0 else "right"
     for action, probability in zip(code.grounding.actions, probabilities, strict=True):
         if action.operator == "grasp" and action.arguments[2] == scene.goal.object:
@@ -105,7 +105,7 @@ def test_greedy_sequences_that_no_label_knows_are_judged_once(tmp_path: Path) ->
         return [actions[0].arguments[0] == "left" for _, actions in tasks]
 
     options = replace(OPTIONS, out=tmp_path, validation_scenes=8, held_out=0.6)
-    weights = initial_weights(SMALL, 0)
+    weights = initial_parameters(SMALL, 0)
     by_labels, judged = (prepare(options, EXAMPLES, None, quiet, how).validation for how in (None, judge))
     assert by_labels is not None and judged is not None
     share, figure = by_labels.measure(weights)["top1"], judged.measure(weights)["top1"]
@@ -153,7 +153,7 @@ def test_a_killed_run_goes_on_to_the_same_result(tmp_path: Path) -> None:
     assert not lines  # rendered before
     train(cut, data, SMALL, lines.append)
     assert lines[0] == "continues at step 16"
-    results = [load_weights(options.out / "network.npz")[0] for options in (whole, cut)]
+    results = [load_parameters(options.out / "network.npz")[0] for options in (whole, cut)]
     for mine, theirs in zip(*map(jax.tree.leaves, results), strict=True):
         np.testing.assert_array_equal(mine, theirs)
     assert read_history(whole.out / "history.jsonl") == read_history(cut.out / "history.jsonl")
@@ -184,8 +184,8 @@ def test_a_step_is_adams(tmp_path: Path) -> None:
     options = replace(OPTIONS, out=tmp_path, steps=1, log_every=1, checkpoint_every=1, held_out=0.0)
     data = prepare(options, EXAMPLES, None, quiet)
     assert data.validation is None
-    before, after = initial_weights(SMALL, 0), train(options, data, SMALL, quiet)
-    moved = jax.tree.map(lambda new, old: np.abs(np.asarray(new - old)), after.parameters, before.parameters)
+    before, after = initial_parameters(SMALL, 0), train(options, data, SMALL, quiet)
+    moved = jax.tree.map(lambda new, old: np.abs(np.asarray(new - old)), after.tree, before.tree)
     # Adam's first step is the learning rate in the direction of the gradient's sign, whatever its size.
     adam = optax.adam(options.learning_rate)
     expected, _ = adam.update(jnp.ones(1), adam.init(jnp.ones(1)))
@@ -201,7 +201,7 @@ def test_learning_rate_is_optaxs_schedule(cooldown: int, tmp_path: Path, monkeyp
         return train_step(*arguments)
 
     options = replace(OPTIONS, out=tmp_path, cooldown=cooldown, held_out=0.0)
-    monkeypatch.setattr("dvr_jax.model.run.train_step", recorded)
+    monkeypatch.setattr("dvr_jax.model.training_run.train_step", recorded)
     train(options, prepare(options, EXAMPLES, None, quiet), SMALL, quiet)
     schedule = optax.linear_schedule(options.learning_rate, 0.0, cooldown, options.steps - cooldown)
     assert rates == pytest.approx([float(schedule(count)) for count in range(options.steps)])

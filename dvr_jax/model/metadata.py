@@ -14,7 +14,7 @@ from flax import traverse_util
 
 from dvr_jax.errors import DvrError
 from dvr_jax.model.encoding import input_signature
-from dvr_jax.model.network import NetworkConfig, Weights, parameter_shapes
+from dvr_jax.model.network import NetworkConfig, NetworkParameters, parameter_shapes
 
 FORMAT = 2
 
@@ -74,8 +74,8 @@ class NetworkMetadata:
                 )
 
 
-def checked_weights(parameters: Any, header: NetworkMetadata, source: str) -> Weights:
-    """Parameters as weights, if they are finite, with the names and shapes of the header's network."""
+def check_parameters(parameters: Any, header: NetworkMetadata, source: str) -> NetworkParameters:
+    """ParameterTree as weights, if they are finite, with the names and shapes of the header's network."""
     wanted, found = flatten(parameter_shapes(header.config), "/"), flatten(parameters, "/")
     for name in sorted(wanted.keys() | found.keys()):
         shapes = [tuple(tree[name].shape) if name in tree else None for tree in (found, wanted)]
@@ -83,7 +83,7 @@ def checked_weights(parameters: Any, header: NetworkMetadata, source: str) -> We
             raise DvrError(f"{source}: the array {name} has shape {shapes[0]}; its sizes ask for {shapes[1]}.")
         if found[name].dtype.kind != "f" or not np.isfinite(found[name]).all():
             raise DvrError(f"{source}: the array {name} has values that are not finite numbers; train again.")
-    return Weights(jax.tree.map(lambda value: jax.numpy.asarray(value, "float32"), parameters), header.config)
+    return NetworkParameters(jax.tree.map(lambda value: jax.numpy.asarray(value, "float32"), parameters), header.config)
 
 
 def _flat(header: NetworkMetadata) -> dict[str, Any]:
