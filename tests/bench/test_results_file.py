@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from dvr_jax.bench import ledger
+from dvr_jax.bench import results_file
 from dvr_jax.bench.results_file import ResultsFile
 from dvr_jax.errors import DvrError
 
@@ -44,7 +44,7 @@ def test_results_of_another_version_are_shown_but_not_mixed_with_new_ones(
     ResultsFile(path, {}, of="label").add({"label": 1})
     assert ResultsFile(path, {}, of="label").missing(3) == [0, 2]
     assert "1 of 3 labels" in capsys.readouterr().err
-    monkeypatch.setattr(ledger, "__version__", "9.9")
+    monkeypatch.setattr(results_file, "__version__", "9.9")
     assert ResultsFile(path, {}, of="label").missing(0) == []
     with pytest.raises(DvrError, match=r"results of dvr_jax .*, this is 9\.9"):
         ResultsFile(path, {}, of="label").missing(3)
