@@ -43,3 +43,16 @@ DATASET: Mapping[str, int] = {
     "targets 0": 7_926_696,
 }
 """The training data."""
+
+
+def table_one_cell(objects: int, length: int) -> str:
+    """Name the metric of one cell of Table I.
+
+    Args:
+        objects: number of objects of the scene.
+        length: number of actions of the sequences.
+
+    Returns:
+        The name.
+    """
+    return f"sequences of {length} actions, objects: {objects}"

@@ -9,7 +9,7 @@ from pathlib import Path
 import tyro
 
 from dvr_jax.bench.metrics import Direction, Metric, save_metrics
-from dvr_jax.bench.paper import LENGTHS, TABLE_ONE
+from dvr_jax.bench.paper import LENGTHS, TABLE_ONE, table_one_cell
 from dvr_jax.logic import count_sequences, ground_actions
 
 
@@ -19,19 +19,6 @@ class TableOneOptions:
 
     out: Path | None = None
     """JSON file to write the counts to."""
-
-
-def cell_name(objects: int, length: int) -> str:
-    """Name the metric of one cell.
-
-    Args:
-        objects: number of objects of the scene.
-        length: number of actions of the sequences.
-
-    Returns:
-        The name.
-    """
-    return f"sequences of {length} actions, {objects} objects"
 
 
 def run(arguments: list[str]) -> int:
@@ -49,7 +36,7 @@ def run(arguments: list[str]) -> int:
             mark = "" if count == paper else f" (paper {paper:,})"
             cells.append(f"{count:>10,}{mark}")
             right += count == paper
-            metrics.append(Metric(cell_name(objects, length), count, "sequences", Direction.EQUAL, 0.0))
+            metrics.append(Metric(table_one_cell(objects, length), count, "sequences", Direction.EQUAL, 0.0))
         print(f"{objects:>7} " + " ".join(cells))
     print(f"{right} of 25 cells as in the paper, {time.monotonic() - begin:.2f} s")
 
