@@ -66,7 +66,11 @@ class RowsFile:
     @property
     def origin(self) -> Origin:
         """Version and machine."""
-        return Origin(self.header["versions"]["dvr_jax"], self.header["machine"], self.header["cores"])
+        return Origin(
+            self.header["versions"]["dvr_jax"],
+            self.header["machine"],
+            self.header["cores"],
+        )
 
     @cached_property
     def scene_results(self) -> dict[int, SceneResult]:

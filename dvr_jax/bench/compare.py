@@ -79,7 +79,11 @@ def run(arguments: list[str]) -> int:
         for number in range(1, options.rounds + 1):
             before.append(measure(baseline, Path(caches) / "baseline"))
             after.append(measure(this, Path(caches) / "this"))
-            print(f"  round {number} of {options.rounds} is done", file=sys.stderr, flush=True)
+            print(
+                f"  round {number} of {options.rounds} is done",
+                file=sys.stderr,
+                flush=True,
+            )
 
     title = f"medians of {options.rounds} runs [us/slice or ms]"
     print(f"{title:<40} {'baseline':>10} {'this':>10} {'ratio':>7}")

@@ -54,6 +54,6 @@ def run(arguments: list[str]) -> int:
         print(f"{name:<48}{count:>12,}{paper}")
 
     if options.out is not None:
-        metrics = [Metric(name, count, "count", Direction.EQUAL, 0.0) for name, count in counts.items()]
+        metrics = [Metric(name, count, "count", Direction.EQUAL) for name, count in counts.items()]
         save_metrics(options.out, "dataset", metrics)
     return 0

@@ -58,7 +58,10 @@ def run(arguments: list[str]) -> int:
         deepest.append(max(depths.values(), default=0.0))
         for pair, depth in depths.items():
             if depth > DEEPEST_CONTACT:
-                print(f"  scene {index}: {' and '.join(pair)} {1e3 * depth:.1f} mm", flush=True)
+                print(
+                    f"  scene {index}: {' and '.join(pair)} {1e3 * depth:.1f} mm",
+                    flush=True,
+                )
 
     too_deep = sum(depth > DEEPEST_CONTACT for depth in deepest)
     deepest_of_all = 1e3 * max(deepest, default=0.0)
@@ -68,10 +71,10 @@ def run(arguments: list[str]) -> int:
 
     if options.out is not None:
         metrics = [
-            Metric("plans", len(deepest), "plans", Direction.HIGHER, 0.0),
-            Metric("plans with a link too deep", too_deep, "plans", Direction.LOWER, 0.0),
-            Metric("deepest penetration", deepest_of_all, "mm", Direction.LOWER, 0.0),
-            Metric("penetration that the check allows", limit, "mm", Direction.EQUAL, 0.0),
+            Metric("plans", len(deepest), "plans", Direction.HIGHER),
+            Metric("plans with a link too deep", too_deep, "plans", Direction.LOWER),
+            Metric("deepest penetration", deepest_of_all, "mm", Direction.LOWER),
+            Metric("penetration that the check allows", limit, "mm", Direction.EQUAL),
         ]
         save_metrics(options.out, "drawn", metrics)
     return 0

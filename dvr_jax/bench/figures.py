@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from dvr_jax.bench import search_figures, solver_figures
+from dvr_jax.bench import scene_figures, search_figures, solver_figures
 from dvr_jax.bench.committed import CommittedResults
 
 Figure = Callable[[CommittedResults], str]
@@ -18,7 +18,7 @@ FIGURES: Mapping[str, Figure] = {
     "solved": search_figures.solved,
     "search-scenes": search_figures.search_scenes,
     "search-version": search_figures.search_version,
-    "scenes": search_figures.scenes,
+    "scenes": scene_figures.scenes,
     "speed": solver_figures.speed,
     "recall": solver_figures.recall,
     "labels": solver_figures.labels,

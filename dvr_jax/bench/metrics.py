@@ -34,7 +34,7 @@ class Metric:
     """Unit of the value."""
     direction: Direction
     """Which values are better."""
-    tolerance: float
+    tolerance: float = 0.0
     """Relative change for the worse that is still no change."""
 
 

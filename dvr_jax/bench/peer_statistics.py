@@ -30,7 +30,12 @@ COMPARISONS = (
     Comparison("keyframes", "keyframes", "ours", "robotic"),
     Comparison("paths, both at the same slices alone", "path", "ours at slices", "robotic"),
     Comparison("paths, ours free between its slices, too", "path", "ours", "robotic"),
-    Comparison("paths, ours the same, robotic's of 3 times the slices", "path", "ours", "robotic finer"),
+    Comparison(
+        "paths, ours the same, robotic's of 3 times the slices",
+        "path",
+        "ours",
+        "robotic finer",
+    ),
 )
 """The tables."""
 
@@ -90,7 +95,10 @@ def compare_sides(rows: Sequence[Mapping[str, Any]], kind: str, ours_name: str, 
     verdicts = [(_is_feasible(ours), _is_feasible(theirs)) for ours, theirs in pairs]
 
     # A solver that found no keyframes has not tried the path, so the times are of problems with both sides.
-    times: dict[tuple[bool, bool], list[tuple[float, float]]] = {(True, True): [], (False, False): []}
+    times: dict[tuple[bool, bool], list[tuple[float, float]]] = {
+        (True, True): [],
+        (False, False): [],
+    }
     for (ours, theirs), verdict in zip(pairs, verdicts, strict=True):
         if verdict in times and ours is not None and theirs is not None:
             times[verdict].append((ours["seconds"], theirs["seconds"]))

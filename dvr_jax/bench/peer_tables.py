@@ -5,7 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from dvr_jax.bench.peer_statistics import COMPARISONS, Comparison, SideBySide, Times, compare_sides
+from dvr_jax.bench.peer_statistics import (
+    COMPARISONS,
+    Comparison,
+    SideBySide,
+    Times,
+    compare_sides,
+)
 from dvr_jax.solver.continuous_collision import PATH_SAMPLES
 
 FINER = PATH_SAMPLES

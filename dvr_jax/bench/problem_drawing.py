@@ -71,7 +71,10 @@ def run(arguments: list[str]) -> int:
     jobs += [("path", index, 2 + index % 5) for index in range(options.paths)]
     todo = [(kind, index, length) for kind, index, length in jobs if (kind, index) not in done]
 
-    with options.out.open("a", encoding="utf-8") as file, worker_processes(options.workers) as pool:
+    with (
+        options.out.open("a", encoding="utf-8") as file,
+        worker_processes(options.workers) as pool,
+    ):
         draw = partial(_draw_problem, options.seed)
         futures = [pool.submit(draw, *job) for job in todo]
         for future in as_completed(futures):
@@ -79,7 +82,11 @@ def run(arguments: list[str]) -> int:
             file.write(json.dumps(row) + "\n")
             file.flush()
             verdict = "feasible" if row["feasible"] else "infeasible"
-            print(f"  {row['kind']} {row['index']}: length {row['length']}, {verdict}", file=sys.stderr, flush=True)
+            print(
+                f"  {row['kind']} {row['index']}: length {row['length']}, {verdict}",
+                file=sys.stderr,
+                flush=True,
+            )
     return 0
 
 

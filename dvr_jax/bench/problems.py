@@ -36,7 +36,9 @@ def read_rows(path: Path | Traversable) -> list[dict[str, Any]]:
         raise DvrError(f"{path} holds no problems ({error}); valid is what bench oracle writes.") from None
 
 
-def read_problems(path: Path | Traversable | None = None) -> Iterator[tuple[Scene, list[Action], dict[str, Any]]]:
+def read_problems(
+    path: Path | Traversable | None = None,
+) -> Iterator[tuple[Scene, list[Action], dict[str, Any]]]:
     """Read scene, actions and row of each problem, in a fixed order.
 
     Args:

@@ -168,7 +168,14 @@ def _add_grasp(ry: Any, komo: Any, item: SceneObject, face: str, k: int, gripper
     komo.addObjective([k], ry.FS.positionRel, [gripper, body], ry.OT.ineq, within, room)
     komo.addObjective([k], ry.FS.positionRel, [gripper, body], ry.OT.ineq, -within, -room)
     komo.addObjective([k], ry.FS.vectorYRel, [gripper, body], ry.OT.eq, [1e0], normal)
-    komo.addObjective([k], ry.FS.scalarProductZZ, [gripper, body], ry.OT.ineq, [1e0], [-math.cos(PITCH_LIMIT)])
+    komo.addObjective(
+        [k],
+        ry.FS.scalarProductZZ,
+        [gripper, body],
+        ry.OT.ineq,
+        [1e0],
+        [-math.cos(PITCH_LIMIT)],
+    )
 
 
 def _add_footprint(ry: Any, komo: Any, peer: PeerScene, k: int, body: str, support: str) -> None:

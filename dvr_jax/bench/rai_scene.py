@@ -20,7 +20,12 @@ from numpy.typing import NDArray
 
 from dvr_jax.errors import DvrError
 from dvr_jax.scene.types import Scene, SceneObject
-from dvr_jax.workcell.constants import ARM_NAMES, FINGER_OPEN, NUMBER_OF_JOINTS, TABLE_HALF_EXTENTS
+from dvr_jax.workcell.constants import (
+    ARM_NAMES,
+    FINGER_OPEN,
+    NUMBER_OF_JOINTS,
+    TABLE_HALF_EXTENTS,
+)
 from dvr_jax.workcell.kinematics import base_pose, load_arm
 
 Floats = NDArray[np.float64]

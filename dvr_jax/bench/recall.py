@@ -17,7 +17,13 @@ import tyro
 from dvr_jax.bench.metrics import save_metrics
 from dvr_jax.bench.oracle import random_keyframes
 from dvr_jax.bench.problems import PROBLEMS, read_problems
-from dvr_jax.bench.recall_metrics import ALL_LENGTHS, KINDS, Counts, count_pairs, to_metrics
+from dvr_jax.bench.recall_metrics import (
+    ALL_LENGTHS,
+    KINDS,
+    Counts,
+    count_pairs,
+    to_metrics,
+)
 from dvr_jax.checker import CheckReport, describe
 from dvr_jax.checker.replay import check_motion
 from dvr_jax.logic import Action
@@ -117,7 +123,9 @@ def _judge(scene: Scene, actions: Sequence[Action], is_path: bool) -> Steps[tupl
     return found is not None, reports[0] if reports else None
 
 
-def tabulate(pairs: dict[tuple[str, int], list[tuple[bool, bool]]]) -> list[tuple[str, int | str, Counts]]:
+def tabulate(
+    pairs: dict[tuple[str, int], list[tuple[bool, bool]]],
+) -> list[tuple[str, int | str, Counts]]:
     """Count the verdicts of each kind by length and over all lengths.
 
     Args:

@@ -73,17 +73,19 @@ def to_metrics(table: Sequence[tuple[str, int | str, Counts]], checked: Sequence
     metrics: list[Metric] = []
     for kind, length, counts in table:
         # The problems and the oracle's verdicts are frozen; the solver is to find what the oracle finds, or more.
-        metrics += [
-            Metric(metric_name(kind, length, "problems"), counts.problems, "problems", Direction.EQUAL, 0.0),
-            Metric(metric_name(kind, length, "oracle"), counts.oracle, "problems", Direction.EQUAL, 0.0),
-            Metric(metric_name(kind, length, "ours"), counts.ours, "problems", Direction.HIGHER, 0.0),
-            Metric(metric_name(kind, length, "both"), counts.both, "problems", Direction.HIGHER, 0.0),
-        ]
-        if counts.recall is not None:
-            metrics.append(
-                Metric(metric_name(kind, length, "recall"), counts.recall, "fraction", Direction.HIGHER, 0.0)
-            )
+        values = (
+            ("problems", counts.problems, Direction.EQUAL),
+            ("oracle", counts.oracle, Direction.EQUAL),
+            ("ours", counts.ours, Direction.HIGHER),
+            ("both", counts.both, Direction.HIGHER),
+        )
+        for name, value, direction in values:
+            metrics.append(Metric(metric_name(kind, length, name), value, "problems", direction))
 
-    metrics.append(Metric(CHECKED, len(checked), "paths", Direction.HIGHER, 0.0))
-    metrics.append(Metric(PASSED, sum(checked), "paths", Direction.HIGHER, 0.0))
+        if counts.recall is not None:
+            name = metric_name(kind, length, "recall")
+            metrics.append(Metric(name, counts.recall, "fraction", Direction.HIGHER))
+
+    metrics.append(Metric(CHECKED, len(checked), "paths", Direction.HIGHER))
+    metrics.append(Metric(PASSED, sum(checked), "paths", Direction.HIGHER))
     return metrics

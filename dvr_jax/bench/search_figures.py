@@ -3,11 +3,26 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from dvr_jax.bench.committed import CommittedResults, Origin, RowsFile, describe_origins
-from dvr_jax.bench.markdown import EMPTY, listing, percent, ratio, seconds, table
-from dvr_jax.bench.paper import FEASIBLE_SCENES, LENGTHS, MEDIAN_PATH_NLPS, MEDIAN_SECONDS, SPEED_UP, UNSOLVED
+from dvr_jax.bench.figure_cells import (
+    SEARCH_NAMES,
+    cells_by_length,
+    count_cell,
+    groups_of,
+    median_seconds_cell,
+    objects_in_words,
+)
+from dvr_jax.bench.markdown import EMPTY, percent, ratio, table
+from dvr_jax.bench.paper import (
+    FEASIBLE_SCENES,
+    LENGTHS,
+    MEDIAN_PATH_NLPS,
+    MEDIAN_SECONDS,
+    SPEED_UP,
+    UNSOLVED,
+)
 from dvr_jax.bench.scene_result import SceneResult, group_by_length
 from dvr_jax.bench.search_statistics import (
     compare_lengths,
@@ -16,14 +31,6 @@ from dvr_jax.bench.search_statistics import (
     speed_ups,
     stage_share,
 )
-
-SEARCH_NAMES = {
-    "dvr": "network",
-    "classifier": "classifier",
-    "mbts": "multi-bound tree search",
-    "bfs": "breadth-first search",
-}
-"""What each search is called in the tables."""
 
 SEARCH_PHRASES = {
     "dvr": "the network",
@@ -35,13 +42,6 @@ SEARCH_PHRASES = {
 COMPARED = ("dvr", "classifier", "mbts")
 """Searches of the main comparison."""
 
-SHAPE_NAMES = {
-    "box": ("box", "boxes"),
-    "cylinder": ("cylinder", "cylinders"),
-    "mixed": ("box or cylinder", "boxes and cylinders"),
-}
-"""One and several objects of each shape."""
-
 
 def _search_files(results: CommittedResults) -> dict[str, RowsFile]:
     return {name: results.rows(f"search/{name}.jsonl") for name in COMPARED}
@@ -49,26 +49,6 @@ def _search_files(results: CommittedResults) -> dict[str, RowsFile]:
 
 def _origins(files: Sequence[RowsFile]) -> list[Origin]:
     return [file.origin for file in files]
-
-
-def _by_length(
-    groups: dict[int, list[SceneResult]],
-    value: Callable[[list[SceneResult]], str],
-) -> list[str]:
-    """One cell for each length of a plan."""
-    return [value(groups[length]) if groups[length] else EMPTY for length in LENGTHS]
-
-
-def _groups(file: RowsFile) -> dict[int, list[SceneResult]]:
-    return group_by_length(list(file.scene_results.values()), max(LENGTHS))
-
-
-def _count(results: list[SceneResult]) -> str:
-    return f"{len(results):,}"
-
-
-def _median_seconds(results: list[SceneResult]) -> str:
-    return seconds(statistics.median(result.total_seconds for result in results))
 
 
 def _median_paths(results: list[SceneResult]) -> str:
@@ -99,12 +79,15 @@ def _speed_up_cells(files: dict[str, RowsFile]) -> list[str]:
 def headline(results: CommittedResults) -> str:
     """Short table beside the paper: seconds, path NLPs and speed-up by length, and the scenes solved."""
     files = _search_files(results)
-    groups = _groups(files["dvr"])
+    groups = groups_of(files["dvr"])
     head = ["actions of the plan", *map(str, LENGTHS)]
     rows = [
-        ["seconds from image to checked motion (median)", *_by_length(groups, _median_seconds)],
+        [
+            "seconds from image to checked motion (median)",
+            *cells_by_length(groups, median_seconds_cell),
+        ],
         ["… in the paper", *(MEDIAN_SECONDS.get(length, EMPTY) for length in LENGTHS)],
-        ["path NLPs solved (median)", *_by_length(groups, _median_paths)],
+        ["path NLPs solved (median)", *cells_by_length(groups, _median_paths)],
         ["… in the paper", *(MEDIAN_PATH_NLPS.get(length, EMPTY) for length in LENGTHS)],
         ["speed-up over multi-bound tree search (median)", *_speed_up_cells(files)],
         ["… in the paper", *(str(SPEED_UP.get(length, EMPTY)) for length in LENGTHS)],
@@ -137,19 +120,39 @@ def search_table(results: CommittedResults) -> str:
     files = _search_files(results)
     rows = []
     for name, file in files.items():
-        groups = _groups(file)
+        groups = groups_of(file)
         title = SEARCH_NAMES[name]
-        rows.append([f"{title}: scenes", *_by_length(groups, _count)])
-        rows.append([f"{title}: seconds, median", *_by_length(groups, _median_seconds)])
+        rows.append([f"{title}: scenes", *cells_by_length(groups, count_cell)])
+        rows.append([f"{title}: seconds, median", *cells_by_length(groups, median_seconds_cell)])
 
         # The number of proposals and of NLPs is what the network is for.
         if name == "dvr":
-            rows.append(["… in the paper", *(MEDIAN_SECONDS.get(length, EMPTY) for length in LENGTHS)])
-            rows.append([f"{title}: path NLPs, median", *_by_length(groups, _median_paths)])
-            rows.append(["… in the paper", *(MEDIAN_PATH_NLPS.get(length, EMPTY) for length in LENGTHS)])
-            rows.append([f"{title}: path NLPs, mean", *_by_length(groups, _mean_paths)])
-            rows.append([f"{title}: sequences proposed, mean", *_by_length(groups, _mean_proposed)])
-            rows.append([f"{title}: the first sequence proposed is right", *_by_length(groups, _first_right)])
+            rows.append(
+                [
+                    "… in the paper",
+                    *(MEDIAN_SECONDS.get(length, EMPTY) for length in LENGTHS),
+                ]
+            )
+            rows.append([f"{title}: path NLPs, median", *cells_by_length(groups, _median_paths)])
+            rows.append(
+                [
+                    "… in the paper",
+                    *(MEDIAN_PATH_NLPS.get(length, EMPTY) for length in LENGTHS),
+                ]
+            )
+            rows.append([f"{title}: path NLPs, mean", *cells_by_length(groups, _mean_paths)])
+            rows.append(
+                [
+                    f"{title}: sequences proposed, mean",
+                    *cells_by_length(groups, _mean_proposed),
+                ]
+            )
+            rows.append(
+                [
+                    f"{title}: the first sequence proposed is right",
+                    *cells_by_length(groups, _first_right),
+                ]
+            )
 
     speed_up = "speed-up of the network over multi-bound tree search, same length by both, median"
     rows.append([speed_up, *_speed_up_cells(files)])
@@ -168,7 +171,7 @@ def search_summary(results: CommittedResults) -> str:
     options = files["dvr"].options
     solved_by = [f"{_number_solved(file):,} by {SEARCH_PHRASES[name]}" for name, file in files.items()]
     lines = [
-        f"- {len(tables['dvr']):,} scenes of {_objects(options['objects'], options['shape'])} "
+        f"- {len(tables['dvr']):,} scenes of {objects_in_words(options['objects'], options['shape'])} "
         f"(seed {options['seed']}), {options['time_limit']:g} s each. "
         f"Solved of the {feasible:,} scenes that some search solves: {', '.join(solved_by)}."
     ]
@@ -203,7 +206,7 @@ def _join_medians(files: dict[str, RowsFile]) -> str:
     for name, file in files.items():
         unsolved = [result for result in file.scene_results.values() if not result.solved]
         if unsolved:
-            parts.append(f"{_median_seconds(unsolved)} s by {SEARCH_PHRASES[name]}")
+            parts.append(f"{median_seconds_cell(unsolved)} s by {SEARCH_PHRASES[name]}")
     return ", ".join(parts) or "no time, since there are none,"
 
 
@@ -221,65 +224,14 @@ def search_faithful(results: CommittedResults) -> str:
     rows = []
     for title, found in networks.items():
         groups = group_by_length(found, max(LENGTHS))
-        rows.append([f"{title}: scenes", *_by_length(groups, _count)])
-        rows.append([f"{title}: the first sequence proposed is right", *_by_length(groups, _first_right)])
-        rows.append([f"{title}: seconds, median", *_by_length(groups, _median_seconds)])
+        rows.append([f"{title}: scenes", *cells_by_length(groups, count_cell)])
+        rows.append(
+            [
+                f"{title}: the first sequence proposed is right",
+                *cells_by_length(groups, _first_right),
+            ]
+        )
+        rows.append([f"{title}: seconds, median", *cells_by_length(groups, median_seconds_cell)])
 
     head = [f"first {number:,} scenes, actions of the plan", *map(str, LENGTHS)]
     return f"{table(head, rows)}\n\n{describe_origins([faithful.origin, shipped.origin])}"
-
-
-def _objects(number: int, shape: str) -> str:
-    """Number and shape of the objects of a scene, in words."""
-    one, several = SHAPE_NAMES[shape]
-    return f"{number} {one if number == 1 else several}"
-
-
-def scenes(results: CommittedResults) -> str:
-    """Table of sampled scenes of all kinds: solved, exhausted, at the time limit, lengths and times."""
-    files = sorted(
-        results.scenes(),
-        key=lambda file: (
-            file.options["shape"],
-            file.options["objects"],
-            file.options["seed"],
-            list(SEARCH_NAMES).index(file.options["search"]),
-        ),
-    )
-    lengths = listing([str(length) for length in LENGTHS])
-    head = [
-        "scenes",
-        "search",
-        "solved",
-        "pass the check",
-        "tree exhausted",
-        "time limit",
-        f"plans of {lengths} actions",
-        f"seconds, median, of {lengths} actions",
-    ]
-    mixed = len({file.origin.version for file in files}) > 1
-    rows = [_scenes_row(file, mixed) for file in files]
-    return f"{table(head, rows)}\n\n{describe_origins(_origins(files))}"
-
-
-def _scenes_row(file: RowsFile, name_version: bool) -> list[str]:
-    """One row of the table of sampled scenes; it names the version where the rows come of several."""
-    results = list(file.scene_results.values())
-    solved_results = [result for result in results if result.solved]
-    exhausted = sum(result.status == "tree exhausted" for result in results)
-    groups = _groups(file)
-    options = file.options
-
-    name = f"{len(results):,} of {_objects(options['objects'], options['shape'])}, seed {options['seed']}"
-    if name_version:
-        name = f"{name} (version {file.origin.version})"
-    return [
-        name,
-        f"`{options['search']}`",
-        f"{len(solved_results):,}",
-        f"{sum(result.passed for result in solved_results):,}",
-        f"{exhausted:,}",
-        f"{len(results) - len(solved_results) - exhausted:,}",
-        listing([_count(groups[length]) for length in LENGTHS]),
-        listing(_by_length(groups, _median_seconds)),
-    ]

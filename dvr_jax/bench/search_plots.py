@@ -54,7 +54,12 @@ def save_plots(path: Path, tables: Mapping[str, Table], k_max: int) -> None:
 
     for axes, panel in zip(figure.subplots(1, len(PANELS)), PANELS, strict=True):
         _draw_panel(axes, panel, tables, k_max)
-        axes.set(xlabel="actions of the solution", ylabel=panel.label, yscale=panel.scale, xticks=lengths)
+        axes.set(
+            xlabel="actions of the solution",
+            ylabel=panel.label,
+            yscale=panel.scale,
+            xticks=lengths,
+        )
         axes.legend()
     figure.savefig(path, dpi=110)
 

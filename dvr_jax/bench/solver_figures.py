@@ -58,7 +58,13 @@ def recall(results: CommittedResults) -> str:
                 f"{ours - both:,}",
             ]
         )
-    head = ["problems", "number", "feasible by 64 random starts", "of these found", "found besides"]
+    head = [
+        "problems",
+        "number",
+        "feasible by 64 random starts",
+        "of these found",
+        "found besides",
+    ]
     passed = f"Of {_count(file, CHECKED):,} feasible paths, {_count(file, PASSED):,} pass the independent check."
     return f"{table(head, rows)}\n\n{passed} {describe_origins([metrics_origin(file)])}"
 
@@ -93,7 +99,14 @@ def labels(results: CommittedResults) -> str:
     rows = []
     for item in sorted(counts, key=lambda item: LABEL_ORDER.index(item.verdict)):
         total = f"{totals[item.verdict]:,}" if item.verdict in totals else EMPTY
-        rows.append([item.verdict, f"{item.confirmed} of {item.judged}", percent(item.share, 1), total])
+        rows.append(
+            [
+                item.verdict,
+                f"{item.confirmed} of {item.judged}",
+                percent(item.share, 1),
+                total,
+            ]
+        )
 
     sentences = []
     again = [row["planned again"] for row in file.rows if row["planned again"] is not None]
@@ -174,7 +187,13 @@ def dataset(results: CommittedResults) -> str:
     solved = _count(file, "scenes with a solution")
     for metric in file.metrics:
         if metric.metric not in DATASET:
-            rows.append([metric.metric, f"{metric.value:,.0f} ({percent(metric.value / solved, 1)})", EMPTY])
+            rows.append(
+                [
+                    metric.metric,
+                    f"{metric.value:,.0f} ({percent(metric.value / solved, 1)})",
+                    EMPTY,
+                ]
+            )
     return table(["", "here", "the paper"], rows)
 
 

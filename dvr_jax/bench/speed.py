@@ -226,7 +226,11 @@ def run(arguments: list[str]) -> int:
             keep(time_paths(sequences, length))
 
     if options.out is not None:
-        save_metrics(options.out, "speed", [metric for measured in times for metric in measured.metrics()])
+        save_metrics(
+            options.out,
+            "speed",
+            [metric for measured in times for metric in measured.metrics()],
+        )
     return 0
 
 

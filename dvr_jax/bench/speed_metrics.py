@@ -15,7 +15,7 @@ def _time(name: str, value: float, unit: str) -> Metric:
 
 
 def _count(name: str, value: float, unit: str) -> Metric:
-    return Metric(name, value, unit, Direction.HIGHER, 0.0)
+    return Metric(name, value, unit, Direction.HIGHER)
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,13 @@ class PathTimes:
         """Give the metrics."""
         return [
             _time(self.name, 1e3 * self.median, "ms"),
-            Metric(f"{self.name}: iterations", self.iterations, "iterations", Direction.LOWER, TOLERANCE),
+            Metric(
+                f"{self.name}: iterations",
+                self.iterations,
+                "iterations",
+                Direction.LOWER,
+                TOLERANCE,
+            ),
             _count(f"{self.name}: problems", self.problems, "problems"),
             _count(f"{self.name}: feasible", self.feasible, "problems"),
         ]

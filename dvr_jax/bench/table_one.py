@@ -36,7 +36,7 @@ def run(arguments: list[str]) -> int:
             mark = "" if count == paper else f" (paper {paper:,})"
             cells.append(f"{count:>10,}{mark}")
             right += count == paper
-            metrics.append(Metric(table_one_cell(objects, length), count, "sequences", Direction.EQUAL, 0.0))
+            metrics.append(Metric(table_one_cell(objects, length), count, "sequences", Direction.EQUAL))
         print(f"{objects:>7} " + " ".join(cells))
     print(f"{right} of 25 cells as in the paper, {time.monotonic() - begin:.2f} s")
 
