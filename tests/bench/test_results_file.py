@@ -1,10 +1,11 @@
 """Results are kept, a line that was cut short is dropped, and files of other options are refused."""
 
+import json
 from pathlib import Path
 
 import pytest
 
-from dvr_jax.bench import ledger
+from dvr_jax.bench import results_file
 from dvr_jax.bench.results_file import ResultsFile
 from dvr_jax.errors import DvrError
 
@@ -44,7 +45,15 @@ def test_results_of_another_version_are_shown_but_not_mixed_with_new_ones(
     ResultsFile(path, {}, of="label").add({"label": 1})
     assert ResultsFile(path, {}, of="label").missing(3) == [0, 2]
     assert "1 of 3 labels" in capsys.readouterr().err
-    monkeypatch.setattr(ledger, "__version__", "9.9")
+    monkeypatch.setattr(results_file, "__version__", "9.9")
     assert ResultsFile(path, {}, of="label").missing(0) == []
     with pytest.raises(DvrError, match=r"results of dvr_jax .*, this is 9\.9"):
         ResultsFile(path, {}, of="label").missing(3)
+
+
+def test_facts_are_added_to_a_header_that_lacks_them(tmp_path: Path) -> None:
+    path = tmp_path / "rows.jsonl"
+    ResultsFile(path, {"seed": 1}).add({"scene": 0})
+    assert ResultsFile(path, {"seed": 1}, facts={"totals": {"a": 3}}).rows == {0: {"scene": 0}}
+    assert json.loads(path.read_text().splitlines()[0])["totals"] == {"a": 3}
+    assert ResultsFile(path, {"seed": 1}).rows == {0: {"scene": 0}}
