@@ -24,8 +24,8 @@ from dvr_jax.planning.planner import plan
 from dvr_jax.runtime.processes import worker_processes
 from dvr_jax.scene.sampling import DEFAULT_DISTRIBUTION, SceneDistribution, ShapeChoice, scene_of_seed
 from dvr_jax.scene.types import Scene
-from dvr_jax.search.run import EXHAUSTED
 from dvr_jax.search.searches import GUIDED, SEARCHES
+from dvr_jax.search.status import PlanStatus
 from dvr_jax.search.warm import warm_up
 from dvr_jax.workcell.constants import MAXIMUM_OBJECTS
 
@@ -147,7 +147,7 @@ def run(arguments: list[str]) -> int:
     rows = list(results(options))
     solved = [row for row in rows if row["words"]]
     lengths = Counter(len(row["words"]) for row in solved)  # type: ignore[arg-type]
-    exhausted = sum(row["status"] == EXHAUSTED for row in rows)
+    exhausted = sum(row["status"] == PlanStatus.EXHAUSTED for row in rows)
     passed = sum(bool(row["passed"]) for row in solved)
     print(f"{len(rows)} scenes of {options.objects} objects ({options.shape}, seed {options.seed}), {options.search}")
     print(f"solved {len(solved)} ({len(solved) / len(rows):.0%}); pass the independent check: {passed}")

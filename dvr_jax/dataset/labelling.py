@@ -14,6 +14,7 @@ from dvr_jax.scene.types import Scene
 from dvr_jax.search.node import Node
 from dvr_jax.search.run import Outcome, Run
 from dvr_jax.search.searches import multi_bound
+from dvr_jax.search.status import PlanStatus
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import Steps
 from dvr_jax.solver.engine import NlpSolution
@@ -63,7 +64,8 @@ class Labelling(Run):
             self.solved += outcome is not None
             if outcome is not None and self.solved >= self.options.solutions:
                 return outcome
-        return Outcome("enough", None, None) if self.judged >= self.options.leaves else None
+        # Any outcome ends the search; nobody reads this one.
+        return Outcome(PlanStatus.EXHAUSTED, None, None) if self.judged >= self.options.leaves else None
 
 
 def label_scene(scene: Scene, index: int, options: LabelOptions, accept: Accept) -> Steps[list[Label]]:

@@ -25,9 +25,9 @@ from dvr_jax.planning.feasibility import motion_of
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.node import Node
 from dvr_jax.search.reasoning import Network
-from dvr_jax.search.run import SOLVED
 from dvr_jax.search.searches import GUIDED, SEARCHES
 from dvr_jax.search.searches import search as run_search
+from dvr_jax.search.status import PlanStatus
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.warm import warming_up
 from dvr_jax.solver.engine import NlpSolution
@@ -38,8 +38,8 @@ class Plan:
     """Result of planning one scene."""
 
     scene: Scene
-    status: str
-    """"solved", "tree exhausted" (no sequence of at most k_max actions) or "time limit"."""
+    status: PlanStatus
+    """Whether a motion was found, and if not, why the search ended."""
     actions: tuple[Action, ...]
     """Empty unless solved."""
     motion: Motion | None
@@ -61,7 +61,7 @@ class Plan:
     @property
     def solved(self) -> bool:
         """Whether there is a motion that passes the independent check."""
-        return self.status == SOLVED
+        return self.status == PlanStatus.SOLVED
 
     @property
     def words(self) -> tuple[str, ...]:
@@ -133,7 +133,7 @@ def plan(
             return report.passed
 
         outcome = run_search(search, tree, accept, progress, network)
-    motion, report = accepted[-1] if outcome.status == SOLVED else (None, None)
+    motion, report = accepted[-1] if outcome.status == PlanStatus.SOLVED else (None, None)
     total = time.monotonic() - begin
     seconds = {**outcome.seconds, "check": check_seconds}
     return Plan(

@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 from dvr_jax.logic import Grounding
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.node import Node
-from dvr_jax.search.run import EXHAUSTED, Outcome, Run
+from dvr_jax.search.run import Outcome, Run
+from dvr_jax.search.status import PlanStatus
 from dvr_jax.search.work import Steps
 
 THRESHOLD = 0.5
@@ -169,7 +170,7 @@ def _guided(run: Run, network: Network, expand: _ByProbability) -> Steps[Outcome
             if outcome is not None:
                 return outcome
             width = min(GROWTH * width, LARGEST_BATCH)
-    return Outcome(EXHAUSTED, None, None, run.seconds)
+    return Outcome(PlanStatus.EXHAUSTED, None, None, run.seconds)
 
 
 def _query(run: Run, network: Network, code: Any, parent: _Candidate) -> list[_Candidate]:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from dvr_jax.nlp.problem import Variables
 from dvr_jax.search.node import Node
 from dvr_jax.search.node_solver import PATH_STARTS
+from dvr_jax.search.status import PlanStatus
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import Steps
 from dvr_jax.solver.engine import NlpSolution
@@ -21,15 +22,12 @@ Accept = Callable[[Node, NlpSolution], bool]
 Progress = Callable[[str], None]
 """Takes a line that says what is going on."""
 
-SOLVED, EXHAUSTED, TIME_LIMIT = "solved", "tree exhausted", "time limit"
-
 
 @dataclass(slots=True)
 class Outcome:
     """How a search ended."""
 
-    status: str
-    """`SOLVED`, `EXHAUSTED` or `TIME_LIMIT`."""
+    status: PlanStatus
     node: Node | None
     path: NlpSolution | None
     seconds: dict[str, float] = field(default_factory=dict)
@@ -123,5 +121,5 @@ class Run:
             if self.accept(node, solved):
                 node.solved, node.refuted_by = True, ""
                 self.tree.counts.feasible["path"] += 1
-                return Outcome(SOLVED, node, solved, self.seconds)
+                return Outcome(PlanStatus.SOLVED, node, solved, self.seconds)
         return None

@@ -17,7 +17,8 @@ from dvr_jax.errors import DvrError
 from dvr_jax.search.node import Node
 from dvr_jax.search.node_solver import OutOfTime
 from dvr_jax.search.reasoning import Network, feasibility_classifier, visual_reasoning
-from dvr_jax.search.run import EXHAUSTED, TIME_LIMIT, Accept, Outcome, Progress, Run
+from dvr_jax.search.run import Accept, Outcome, Progress, Run
+from dvr_jax.search.status import PlanStatus
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import Steps, run_alone
 
@@ -49,7 +50,7 @@ def _search(run: Run, of_leaves: _Judge, judge: _Judge) -> Steps[Outcome]:
                 return outcome
         if depth < run.tree.k_max:
             level = yield from judge([node for node in children if not node.reaches_goal])
-    return Outcome(EXHAUSTED, None, None, run.seconds)
+    return Outcome(PlanStatus.EXHAUSTED, None, None, run.seconds)
 
 
 def breadth_first(run: Run) -> Steps[Outcome]:
@@ -91,7 +92,7 @@ def search(
     try:
         return run_alone(steps_of(name, run, network))
     except OutOfTime:
-        return Outcome(TIME_LIMIT, None, None, run.seconds)
+        return Outcome(PlanStatus.TIME_LIMIT, None, None, run.seconds)
 
 
 def steps_of(name: str, run: Run, network: Network | None = None) -> Steps[Outcome]:
