@@ -98,7 +98,7 @@ def _plan_one(options: ScenesOptions, index: int) -> dict[str, object]:
     return {
         "scene": index,
         "status": result.status,
-        "words": result.words,
+        "words": result.action_descriptions,
         "seconds": {name: round(value, 3) for name, value in result.seconds.items()},
         "nlps": result.nlps,
         "verdicts": result.verdicts,
