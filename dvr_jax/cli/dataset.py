@@ -72,7 +72,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _Line("  of these known", targets.known_zeros),
         _Line("targets 0 of first actions", targets.first_zeros),
         _Line("  of these known", targets.known_first_zeros),
-        _Line("infeasible, labelled one by one", labels.infeasible),
+        _Line("infeasible, labeled one by one", labels.infeasible),
         _Line("refuted prefixes", labels.refuted_prefixes),
         _Line(f"infeasible up to length {options.k_max} by both", known),
     ]

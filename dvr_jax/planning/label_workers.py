@@ -24,7 +24,7 @@ CONNECTION_TIMEOUT = 10.0
 
 @dataclass(frozen=True, slots=True)
 class LabelTask:
-    """The scenes of one shard, and how they are labelled."""
+    """The scenes of one shard, and how they are labeled."""
 
     scenes: Sequence[Scene]
     """Scenes of the shard."""

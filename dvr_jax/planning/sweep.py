@@ -92,9 +92,9 @@ def _require_same_sweep(request: Sweep, info: ShardInfo, scenes: Sequence[Scene]
     if info.scenes.stop > len(scenes):
         raise DataError(f"{info} goes beyond the {len(scenes)} scenes of {request.scenes}; {advice}.")
 
-    labelled = (scene_from_json(text, str(info.path)) for text in read_columns(info).json)
+    found = (scene_from_json(text, str(info.path)) for text in read_columns(info).json)
     expected = scenes[info.scenes.start : info.scenes.stop]
-    if not all(map(are_equal_but_for_rounding, labelled, expected)):
+    if not all(map(are_equal_but_for_rounding, found, expected)):
         raise DataError(f"{info.path} holds other scenes than {request.scenes}; {advice}.")
 
 
