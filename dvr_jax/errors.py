@@ -44,10 +44,6 @@ class OptionError(DvrError):
     """Raised for an argument of the public functions, or an option of a command, of a wrong type or value."""
 
 
-class SceneError(DvrError):
-    """A scene that cannot be: its file, its objects, its goal or its workcell."""
-
-
 def describe_os_error(error: OSError) -> str:
     """Describe a file that is missing, unreadable or unwritable in one sentence that names it where possible."""
     reason = error.strerror or str(error) or type(error).__name__

@@ -14,6 +14,7 @@ from dvr_jax.scene.types import Scene
 from dvr_jax.search.node import Node
 from dvr_jax.search.run import Outcome, Run
 from dvr_jax.search.searches import multi_bound
+from dvr_jax.search.status import PlanStatus
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import Steps
 from dvr_jax.solver.engine import NlpSolution
@@ -87,8 +88,9 @@ class Labelling(Run):
             if self.solved >= self.options.solutions:
                 return outcome
 
+        # Any outcome ends the search; nobody reads this one.
         if self.judged >= self.options.leaves:
-            return Outcome("enough", None, None)
+            return Outcome(PlanStatus.EXHAUSTED)
         return None
 
 

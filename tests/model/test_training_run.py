@@ -217,8 +217,8 @@ def test_command_trains_a_classifier_on_separate_held_out_scenes(
         return held_out if paths == (Path("b"),) else EXAMPLES
 
     labels = write_shard(tmp_path / "labels.parquet", {0: EXAMPLES.scenes[0]}, [], {"seed": 0})
-    monkeypatch.setattr("dvr_jax.cli.train.load_examples", reader)
-    monkeypatch.setattr("dvr_jax.cli.train.find_shards", lambda paths: [labels])
+    monkeypatch.setattr("dvr_jax.dataset.examples.load_examples", reader)
+    monkeypatch.setattr("dvr_jax.dataset.examples.find_shards", lambda paths: [labels])
     arguments = "--data a --validation b --kind classifier --image-size 8 --batch 8 --least-feasible 2"
     arguments += " --steps 4 --log-every 2 --checkpoint-every 4"
     monkeypatch.setattr(sys, "argv", ["train", *arguments.split(), "--out", str(tmp_path)])
@@ -259,7 +259,7 @@ def test_bad_options_end_with_one_sentence(
     option: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     examples = sided_examples(1, 0)
-    monkeypatch.setattr("dvr_jax.cli.train.load_examples", lambda paths, **options: examples)
+    monkeypatch.setattr("dvr_jax.dataset.examples.load_examples", lambda paths, **options: examples)
     monkeypatch.setattr(sys, "argv", ["train", "--data", "a", "--out", str(tmp_path), *option.split()])
     with pytest.raises(SystemExit) as ended:
         run_command(command.main)

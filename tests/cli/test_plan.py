@@ -16,7 +16,8 @@ from dvr_jax.cli import plan as command
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import Action
 from dvr_jax.model.predictor import load_network
-from dvr_jax.motion import load_motion
+from dvr_jax.motion.motion import load_motion
+from dvr_jax.planning.planner import Plan
 from dvr_jax.scene.files import Goal, Region, SceneObject, load_scene, make_scene, save_scene
 
 NEAR = make_scene(
@@ -50,6 +51,7 @@ def test_a_plan_and_its_files(
     }  # fmt: skip
     record = json.loads((out / "plan.json").read_text())
     assert record["status"] == "solved" and record["nlps"]["path"] == 1
+    assert record["action_descriptions"] == [line[5:] for line in lines[1:3]]
     assert record["scene"] == json.loads((tmp_path / "scene.json").read_text())
     assert record["options"] == {
         "search": "dvr", "k_max": 2, "seed": 0, "network": load_network("dvr").checksum, "time_limit": 300.0,
@@ -58,6 +60,7 @@ def test_a_plan_and_its_files(
     assert max(record["violations"].values()) <= 1e-2
     actions = [Action(action["operator"], tuple(action["arguments"])) for action in record["actions"]]
     motion = load_motion(out / "trajectory.npz")
+    assert [str(action) for action in Plan.load(out).actions] == [str(action) for action in actions]
     report = check_motion(load_scene(tmp_path / "scene.json"), actions, motion)
     assert report.passed and record["check"]["passed"]
     assert record["check"]["deepest_penetration"] == pytest.approx(report.deepest_penetration, abs=1e-9)

@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dvr_jax.cli.sweep import label_scenes
 from dvr_jax.dataset import footer
 from dvr_jax.dataset.labelling import Labelling, LabelOptions
 from dvr_jax.dataset.labels import same_label, sort_labels
 from dvr_jax.dataset.shards import list_shards, read_shard, same_rows, write_shard
+from dvr_jax.planning.label_workers import label_scenes
 from dvr_jax.scene.files import save_scenes
 from dvr_jax.scene.sampling import sample_scenes
 from dvr_jax.scene.types import Scene

@@ -5,11 +5,11 @@ import math
 import pytest
 
 from dvr_jax.checker.replay import check_motion
-from dvr_jax.cli.sweep import label_scenes
 from dvr_jax.dataset.labelling import LabelOptions
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import ARMS, Action, LogicError, enumerate_sequences, ground_actions
 from dvr_jax.planning.feasibility import feasibility
+from dvr_jax.planning.label_workers import label_scenes
 from dvr_jax.scene.types import Goal, Region, Scene, SceneObject
 
 BOX = SceneObject("a", "box", (0.05, 0.15, 0.1), (-0.2, 0.1), 0.3)

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from ray.cluster_utils import Cluster
 
-from dvr_jax.cli.sweep import label_scenes
 from dvr_jax.dataset.labelling import LabelOptions
 from dvr_jax.dataset.labels import sort_labels
 from dvr_jax.dataset.shards import list_shards, read_shard
+from dvr_jax.planning.label_workers import label_scenes
 from dvr_jax.scene.files import save_scenes
 from dvr_jax.scene.sampling import sample_scenes
 
