@@ -43,7 +43,7 @@ _PUBLIC_NAMES: dict[str, str] = {
     # Errors
     "DvrError": "dvr_jax.errors:DvrError",
     "SceneError": "dvr_jax.errors:SceneError",
-    "LogicError": "dvr_jax.logic:SymbolicError",
+    "LogicError": "dvr_jax.logic:LogicError",
     "NetworkError": "dvr_jax.errors:NetworkError",
     "MotionError": "dvr_jax.errors:MotionError",
     "DataError": "dvr_jax.errors:DataError",
@@ -63,7 +63,7 @@ if TYPE_CHECKING:
     from dvr_jax.errors import OptionError as OptionError
     from dvr_jax.errors import SceneError as SceneError
     from dvr_jax.logic import Action as Action
-    from dvr_jax.logic import SymbolicError as LogicError  # noqa: F401
+    from dvr_jax.logic import LogicError as LogicError  # noqa: F401
     from dvr_jax.model.predictor import Predictor as Predictor
     from dvr_jax.motion.motion import Motion as Motion
     from dvr_jax.planning.check import check as check

@@ -40,7 +40,7 @@ from dvr_jax.planning.feasibility import feasibility
 from dvr_jax.planning.path_motion import interpolate
 from dvr_jax.runtime.processes import worker_processes
 from dvr_jax.scene.types import Scene
-from dvr_jax.solver.engine import NlpSolution
+from dvr_jax.solver.lane_pool import NlpSolution
 
 FEASIBLE_KEYFRAMES = 8
 """Feasible keyframes from which the oracle starts its paths."""

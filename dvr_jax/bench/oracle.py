@@ -21,7 +21,7 @@ from dvr_jax.scene.types import Scene
 from dvr_jax.seeds.initial_paths import path_problem, path_start
 from dvr_jax.seeds.proposals import PITCH_RANGE
 from dvr_jax.solver.augmented_lagrangian import Settings
-from dvr_jax.solver.engine import NlpSolution, solve
+from dvr_jax.solver.lane_pool import NlpSolution, solve
 from dvr_jax.workcell.constants import TABLE_HALF_EXTENTS
 from dvr_jax.workcell.kinematics import load_arm
 

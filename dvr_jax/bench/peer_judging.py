@@ -40,8 +40,8 @@ from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import run_alone
 from dvr_jax.seeds.initial_paths import STEPS_PER_PHASE, path_problem, path_start
 from dvr_jax.solver.augmented_lagrangian import Settings
-from dvr_jax.solver.engine import NlpSolution, solve, stack
 from dvr_jax.solver.iteration import judge, lay_out_chunks, measure_chunk, start
+from dvr_jax.solver.lane_pool import NlpSolution, solve, stack
 
 _T = TypeVar("_T")
 

@@ -17,7 +17,7 @@ import tyro
 
 from dvr_jax.bench.oracle import oracle_keyframes, oracle_path
 from dvr_jax.bench.problems import PROBLEMS, read_rows
-from dvr_jax.logic import Action, Grounding, ground_actions
+from dvr_jax.logic import Action, Grounding
 from dvr_jax.nlp.transcription import refute, transcribe
 from dvr_jax.runtime.files import write_whole
 from dvr_jax.runtime.processes import worker_processes
@@ -145,7 +145,7 @@ def draw_keyframe_problem(seed: int, index: int, length: int) -> dict[str, objec
 
 def _draw_prefix(scene: Scene, length: int, generator: np.random.Generator) -> dict[str, object] | None:
     """Extend a prefix by random feasible actions up to a length; None after `TRIES` actions, or at a dead end."""
-    grounding = ground_actions([item.name for item in scene.objects], scene.goal.object)
+    grounding = ground_scene(scene)
     actions: list[Action] = []
     state = grounding.initial_state
 

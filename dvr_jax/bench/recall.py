@@ -30,10 +30,10 @@ from dvr_jax.logic import Action
 from dvr_jax.planning.feasibility import motion_of
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.node import Node
-from dvr_jax.search.run import Run
+from dvr_jax.search.session import SearchSession
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import Steps, run_together
-from dvr_jax.solver.engine import NlpSolution
+from dvr_jax.solver.lane_pool import NlpSolution
 
 __all__ = ["PROBLEMS", "judge_prefix", "random_keyframes", "read_problems", "run"]
 
@@ -119,7 +119,7 @@ def _judge(scene: Scene, actions: Sequence[Action], is_path: bool) -> Steps[tupl
         reports.append(check_motion(scene, leaf.actions, motion_of(scene, leaf, path)))
         return True
 
-    found = yield from Run(tree, accept, lambda line: None).try_path(node)
+    found = yield from SearchSession(tree, accept, lambda line: None).try_path(node)
     return found is not None, reports[0] if reports else None
 
 

@@ -31,8 +31,8 @@ from dvr_jax.scene.sampling import (
     scene_of_seed,
 )
 from dvr_jax.scene.types import Scene
-from dvr_jax.search.run import EXHAUSTED
 from dvr_jax.search.searches import GUIDED, SEARCHES
+from dvr_jax.search.session import EXHAUSTED
 from dvr_jax.search.warm import warm_up
 from dvr_jax.workcell.constants import MAXIMUM_OBJECTS
 

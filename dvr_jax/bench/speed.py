@@ -30,8 +30,8 @@ from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import run_alone
 from dvr_jax.seeds.initial_paths import keyframe_start, path_problem, path_start
 from dvr_jax.solver.augmented_lagrangian import Settings
-from dvr_jax.solver.engine import beam_lanes, extend_beams, solve, stack
 from dvr_jax.solver.iteration import judge, lay_out_chunks, measure_chunk, start
+from dvr_jax.solver.lane_pool import beam_lanes, extend_beams, solve, stack
 
 NUMBERS_OF_OBJECTS = (2, 5)
 """Numbers of objects of the slices."""

@@ -30,15 +30,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit code.
     """
-    from dvr_jax.model.run import TrainOptions
+    from dvr_jax.model.training_run import TrainOptions
 
     options = parse_options(TrainOptions, "train", arguments)
     options.check()
 
     from dvr_jax.dataset import examples
-    from dvr_jax.model.manifest import write_manifest
     from dvr_jax.model.network import NetworkConfig
-    from dvr_jax.model.run import prepare, train
+    from dvr_jax.model.training_record import write_manifest
+    from dvr_jax.model.training_run import prepare, train
 
     network = NetworkConfig(
         image_size=options.image_size,

@@ -12,12 +12,12 @@ from dvr_jax.errors import DvrError
 from dvr_jax.scene.files import scene_to_json
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.node import Node
-from dvr_jax.search.run import Outcome, Run
 from dvr_jax.search.searches import multi_bound
+from dvr_jax.search.session import Outcome, SearchSession
 from dvr_jax.search.status import PlanStatus
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import Steps
-from dvr_jax.solver.engine import NlpSolution
+from dvr_jax.solver.lane_pool import NlpSolution
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ Accept = Callable[[Scene, Node, NlpSolution], bool]
 """A function that says whether the independent check accepts a feasible path of a scene."""
 
 
-class Labelling(Run):
+class Labelling(SearchSession):
     """A multi-bound search that goes on after its first solution."""
 
     def __init__(self, tree: SequenceTree, scene: Scene, options: LabelOptions, accept: Accept) -> None:

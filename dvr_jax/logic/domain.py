@@ -166,6 +166,11 @@ def shipped_header() -> str:
     return _packaged_text("domain.pddl")
 
 
+def shipped_action(name: str) -> str:
+    """Return the PDDL text of one of the package's own actions."""
+    return _packaged_text(f"{name}.pddl")
+
+
 def shipped_actions() -> tuple[str, ...]:
     """Return the PDDL texts of the package's own operators."""
     return tuple(_packaged_text(f"{name}.pddl") for name in SHIPPED_ACTIONS)

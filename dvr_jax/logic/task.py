@@ -1,53 +1,25 @@
-"""The rearrangement task of Deep Visual Reasoning: from the names of objects to a grounding, and actions in words.
+"""The rearrangement task of Deep Visual Reasoning: from the names of objects and arms to a grounding.
 
 Here is all that Python knows about the contents of the domain: the types and constants that a scene fills in, the start
-(all objects on the table), the goal (the goal object on the goal region), and the way a person would say an action.
+(all objects on the table) and the goal (the goal object on the goal region).
 """
 
 from collections import Counter
 from collections.abc import Sequence
 from functools import lru_cache
 
-from dvr_jax.logic.actions import Action
 from dvr_jax.logic.domain import SymbolicDomain
 from dvr_jax.logic.errors import LogicError, listed
 from dvr_jax.logic.grounder import Entity, ground_domain
 from dvr_jax.logic.grounding import Grounding
 from dvr_jax.logic.parsing import read_domain
-
-ARMS = ("left", "right")
-"""Names of the arms."""
-
-FACES = ("+x", "+y", "-x", "-y")
-"""Side faces of an object by their outward normals in its own frame; the paper's eta counts the faces, 0 to 3."""
-
-PHRASES = {
-    "grasp": "{0} grasps {2} at its {1} face",
-    "place": "{0} places {1} on {2}",
-}
-"""Operator name to words, with the places of its arguments; an operator without an entry is printed as it is."""
-
-OBJECT_ARGUMENT = {"grasp": 2, "place": 1}
-"""Operator name to the place of the object among its arguments."""
-
-
-def object_of(action: Action) -> str:
-    """Return the object that an action moves from one holder or support to another."""
-    return action.arguments[OBJECT_ARGUMENT[action.operator]]
-
-
-def describe(action: Action) -> str:
-    """Say an action in words, as in "left grasps yellow at its +x face"."""
-    phrase = PHRASES.get(action.operator)
-    if phrase is None:
-        return str(action)
-    return phrase.format(*action.arguments)
+from dvr_jax.shapes import FACES
 
 
 def ground_actions(
     objects: Sequence[str],
     goal_object: str,
-    arms: Sequence[str] = ARMS,
+    arms: Sequence[str],
     action_texts: Sequence[str] | None = None,
 ) -> Grounding:
     """Ground the task, from all objects on the table to the goal object on the goal region.

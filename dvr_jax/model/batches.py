@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 
 from dvr_jax.dataset import Examples
 from dvr_jax.errors import DvrError
-from dvr_jax.logic import Grounding, ground_actions
+from dvr_jax.logic import Grounding
 from dvr_jax.model.encoding import MIRRORED, ActionCodes, encode_actions, goal_tuple
-from dvr_jax.model.metadata import Kind
 from dvr_jax.model.images import ImageStack
+from dvr_jax.model.metadata import Kind
 from dvr_jax.scene.files import scene_to_json
 from dvr_jax.scene.types import Scene
 
@@ -81,7 +81,7 @@ def scene_table(scenes: Sequence[Scene], images: ImageStack) -> SceneTable:
     """The table of scenes with their images."""
     rows: list[tuple[Grounding, ActionCodes]] = []
     for scene in scenes:
-        grounding = ground_actions([item.name for item in scene.objects], scene.goal.object)
+        grounding = ground_scene(scene)
         rows.append((grounding, encode_actions(grounding, scene.objects)))
     most = max(len(codes.pairs) for _, codes in rows)
     actions = max(len(codes.symbol) for _, codes in rows)

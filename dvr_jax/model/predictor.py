@@ -26,12 +26,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvr_jax.errors import DvrError
-from dvr_jax.logic import Grounding, ground_actions
+from dvr_jax.logic import Grounding
 from dvr_jax.model.encoding import encode_actions, goal_tuple
 from dvr_jax.model.export import load_parameters
-from dvr_jax.model.metadata import Kind, NetworkMetadata
 from dvr_jax.model.images import SceneImages, scene_images, stack_images
-from dvr_jax.model.network import NetworkConfig, NetworkParameters, encode_images, encode_symbols, input_gates, step_from_gates
+from dvr_jax.model.metadata import Kind, NetworkMetadata
+from dvr_jax.model.network import (
+    NetworkConfig,
+    NetworkParameters,
+    encode_images,
+    encode_symbols,
+    input_gates,
+    step_from_gates,
+)
 from dvr_jax.runtime.compilation import Program
 from dvr_jax.scene.types import Scene
 from dvr_jax.workcell.constants import MAXIMUM_OBJECTS
@@ -114,7 +121,7 @@ class Predictor:
         """
         names = [item.name for item in scene.objects]
         if grounding is None:
-            grounding = ground_actions(names, scene.goal.object)
+            grounding = ground_scene(scene)
         actions = encode_actions(grounding, scene.objects)
         number = next(size for size in OBJECT_NUMBERS if size >= len(names))
         stack = stack_images([self._checked(self.render(scene) if images is None else images, scene)], number)

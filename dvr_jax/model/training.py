@@ -23,7 +23,7 @@ from dvr_jax.logic import Action
 from dvr_jax.model.batches import Batch, SceneTable, assemble_batch
 from dvr_jax.model.metadata import Kind
 from dvr_jax.model.metrics import average_precision, greedy_sequences
-from dvr_jax.model.network import ParameterTree, NetworkParameters, encode_images, encode_symbols, run_sequence
+from dvr_jax.model.network import NetworkParameters, ParameterTree, encode_images, encode_symbols, run_sequence
 from dvr_jax.scene.types import Scene
 
 VALIDATION_BATCH = 64

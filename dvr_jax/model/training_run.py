@@ -33,9 +33,9 @@ from dvr_jax.model.batches import (
 )
 from dvr_jax.model.checkpoint import CheckpointFolder, TrainingState
 from dvr_jax.model.export import export_network
-from dvr_jax.model.metadata import Kind, NetworkMetadata
 from dvr_jax.model.history import History, save_curves
 from dvr_jax.model.images import LARGEST_HEIGHT, UNIT_HEIGHT, WHOLE_PIXEL, ImageStack, scene_images, stack_images
+from dvr_jax.model.metadata import Kind, NetworkMetadata
 from dvr_jax.model.network import NetworkConfig, NetworkParameters, initial_parameters
 from dvr_jax.model.training import ADAM, FeasibilityOracle, Validation, train_step
 from dvr_jax.runtime.files import write_whole

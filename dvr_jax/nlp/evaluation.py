@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from dvr_jax.modes.mode import PARAMETERS, HandPoses
 from dvr_jax.nlp.blocks import (
     COLLISION,
     CONSTRAINT_BLOCKS,
@@ -27,7 +28,6 @@ from dvr_jax.nlp.blocks import (
     Horizon,
     SwitchGeometry,
 )
-from dvr_jax.modes.mode import PARAMETERS, HandPoses
 from dvr_jax.nlp.collision_rows import number_of_rows
 from dvr_jax.nlp.cost import add_cost
 from dvr_jax.nlp.problem import Problem, Variables

@@ -1,6 +1,7 @@
 """Action operators, one file each; the ordered tuple `OPERATORS` drives everything that depends on them."""
 
 from dvr_jax.operators.grasp import GRASP
+from dvr_jax.operators.grounding import OPERATORS, ground_scene
 from dvr_jax.operators.operator import (
     ModeSwitch,
     ObjectMode,
@@ -15,9 +16,6 @@ from dvr_jax.operators.operator import (
 )
 from dvr_jax.operators.place import PLACE
 
-OPERATORS: tuple[Operator, ...] = (GRASP, PLACE)
-"""The operators of the paper."""
-
 __all__ = [
     "GRASP",
     "OPERATORS",
@@ -28,6 +26,7 @@ __all__ = [
     "Parameter",
     "SkeletonState",
     "describe",
+    "ground_scene",
     "is_duplicate",
     "object_of",
     "operator_of",

@@ -9,7 +9,7 @@ from jax import Array
 from jaxtyping import Float
 
 from dvr_jax.geometry.vectors import compose, materialize, rotation_about_z, vector
-from dvr_jax.logic import Action
+from dvr_jax.logic import Action, shipped_action
 from dvr_jax.modes.held import GraspFrame, grasp_frame
 from dvr_jax.modes.mode import ModeKind
 from dvr_jax.operators.operator import FREE, ModeSwitch, ObjectMode, Operator, Parameter, SkeletonState
@@ -25,17 +25,6 @@ from dvr_jax.operators.proposal import (
 from dvr_jax.runtime.compilation import Program
 from dvr_jax.scene.types import Scene, SceneObject
 from dvr_jax.shapes import FACES
-
-GRASP_PDDL = """
-  ; The arm's hand is empty. The object may stand anywhere, or be held by another arm: then that arm hands it over.
-  (:action grasp
-    :parameters (?arm - arm ?face - face ?item - movable)
-    :precondition (forall (?held - movable) (not (holding ?arm ?held)))
-    :effect (and
-      (forall (?giver - arm) (not (holding ?giver ?item)))
-      (forall (?support - support) (not (on ?item ?support)))
-      (holding ?arm ?item)))
-"""
 
 GRASP_MARGIN = 0.01
 """How far inside the object the gripper's center stays [m]."""
@@ -219,7 +208,7 @@ def _proposal(before: ModeKind) -> Proposal:
 GRASP = Operator(
     name="grasp",
     parameters=(Parameter.ARM, Parameter.FACE, Parameter.OBJECT),
-    pddl=GRASP_PDDL,
+    pddl=shipped_action("grasp"),
     phrase="{0} grasps {2} at its {1} face",
     mode_after=ModeKind.HELD,
     refute=_refute,

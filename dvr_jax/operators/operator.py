@@ -149,13 +149,26 @@ def operator_of(action: Action, operators: Sequence[Operator]) -> Operator:
 
 
 def object_of(action: Action, operators: Sequence[Operator]) -> str:
-    """Name of the object that an action switches."""
+    """Name of the object that an action switches.
+
+    Args:
+        action: The action.
+        operators: The operators that are known.
+    """
     return operator_of(action, operators).argument(action, Parameter.OBJECT)
 
 
 def describe(action: Action, operators: Sequence[Operator]) -> str:
-    """The action in words, as in "left grasps yellow at its +x face"."""
-    return operator_of(action, operators).phrase.format(*action.arguments)
+    """The action in words, as in "left grasps yellow at its +x face".
+
+    Args:
+        action: The action.
+        operators: The operators that are known; an action of another one is printed as it is written.
+    """
+    for operator in operators:
+        if operator.name == action.operator:
+            return operator.phrase.format(*action.arguments)
+    return str(action)
 
 
 def refute(scene: Scene, action: Action, operators: Sequence[Operator]) -> str | None:

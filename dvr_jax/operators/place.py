@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from dvr_jax.geometry.footprint import Rectangle, fits
 from dvr_jax.geometry.vectors import materialize, rotation_about_z, vector
-from dvr_jax.logic import Action
+from dvr_jax.logic import Action, shipped_action
 from dvr_jax.modes.mode import ModeKind
 from dvr_jax.operators.operator import FREE, ModeSwitch, ObjectMode, Operator, Parameter, SkeletonState
 from dvr_jax.operators.proposal import (
@@ -25,16 +25,6 @@ from dvr_jax.operators.proposal import (
 )
 from dvr_jax.runtime.compilation import Program
 from dvr_jax.scene.types import Scene
-
-PLACE_PDDL = """
-  ; Any object may be placed on the goal region, and any number of them: whether they fit is a question of geometry.
-  (:action place
-    :parameters (?arm - arm ?item - movable ?support - support)
-    :precondition (holding ?arm ?item)
-    :effect (and
-      (not (holding ?arm ?item))
-      (on ?item ?support)))
-"""
 
 TABLE_SUPPORT = "table"
 """Constant of the PDDL domain that stands for the table."""
@@ -193,7 +183,7 @@ def _proposal(before: ModeKind) -> Proposal:
 PLACE = Operator(
     name="place",
     parameters=(Parameter.ARM, Parameter.OBJECT, Parameter.SUPPORT),
-    pddl=PLACE_PDDL,
+    pddl=shipped_action("place"),
     phrase="{0} places {1} on {2}",
     mode_after=ModeKind.PLACED,
     refute=_refute,

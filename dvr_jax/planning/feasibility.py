@@ -19,18 +19,19 @@ from dataclasses import dataclass, field
 
 import jax
 
-from dvr_jax.checker.replay import check_motion
+from dvr_jax.checker import CHECKS, OperatorCheck, check_motion
 from dvr_jax.errors import OptionError
-from dvr_jax.logic import Action, SymbolicError
+from dvr_jax.logic import Action, LogicError
 from dvr_jax.motion.motion import Motion
+from dvr_jax.operators import OPERATORS, Operator
 from dvr_jax.planning.arguments import describe_value, parse_actions, require_integer, require_scene
 from dvr_jax.planning.path_motion import interpolate
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.node import Node
-from dvr_jax.search.run import Run
+from dvr_jax.search.session import SearchSession
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import Steps, run_alone
-from dvr_jax.solver.engine import NlpSolution
+from dvr_jax.solver.lane_pool import NlpSolution
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +62,13 @@ class Verdict:
         return f"{' '.join(map(str, self.actions))}: {verdict}"
 
 
-def feasibility(scene: Scene, sequences: Sequence[Sequence[Action | str]], seed: int = 0) -> list[Verdict]:
+def feasibility(
+    scene: Scene,
+    sequences: Sequence[Sequence[Action | str]],
+    seed: int = 0,
+    operators: Sequence[Operator] = OPERATORS,
+    checks: Sequence[OperatorCheck] = CHECKS,
+) -> list[Verdict]:
     """Judge action sequences of a scene; prefixes that sequences share are judged once.
 
     Args:
@@ -71,6 +78,8 @@ def feasibility(scene: Scene, sequences: Sequence[Sequence[Action | str]], seed:
         seed: Seed of all sampling, from 0. The same seed and sequences give the same verdicts. What proves one
             sequence feasible may prove a relaxation of another one, so more sequences may be found feasible together
             than one by one.
+        operators: Operators that actions may be of.
+        checks: Their halves in the independent check.
 
     Returns:
         One verdict for each sequence, in their order.
@@ -81,10 +90,16 @@ def feasibility(scene: Scene, sequences: Sequence[Sequence[Action | str]], seed:
         DvrError: The arms are in collision in the scene's initial state.
     """
     with jax.enable_x64(True):
-        return run_alone(judge(scene, sequences, seed))
+        return run_alone(judge(scene, sequences, seed, operators, checks))
 
 
-def judge(scene: Scene, sequences: Sequence[Sequence[Action | str]], seed: int = 0) -> Steps[list[Verdict]]:
+def judge(
+    scene: Scene,
+    sequences: Sequence[Sequence[Action | str]],
+    seed: int = 0,
+    operators: Sequence[Operator] = OPERATORS,
+    checks: Sequence[OperatorCheck] = CHECKS,
+) -> Steps[list[Verdict]]:
     """Judge action sequences as `feasibility` does, as a computation that can share batches with others.
 
     `dvr_jax.search.work.run_together` runs such computations of several scenes side by side.
@@ -93,6 +108,8 @@ def judge(scene: Scene, sequences: Sequence[Sequence[Action | str]], seed: int =
         scene: Valid scene.
         sequences: Sequences of actions.
         seed: Seed of all sampling, from 0.
+        operators: Operators that actions may be of.
+        checks: Their halves in the independent check.
 
     Returns:
         A generator that asks for work and ends with the verdicts.
@@ -107,21 +124,21 @@ def judge(scene: Scene, sequences: Sequence[Sequence[Action | str]], seed: int =
     parsed = _parse_sequences(sequences)
 
     longest = max(map(len, parsed), default=1)
-    tree = SequenceTree(scene, longest, seed)
+    tree = SequenceTree(scene, longest, seed, operators=operators)
     leaves = _grow(tree, parsed)
 
     motions: dict[Node, Motion] = {}
 
     def accept(node: Node, path: NlpSolution) -> bool:
         motions[node] = motion_of(scene, node, path)
-        return check_motion(scene, node.actions, motions[node]).passed
+        return check_motion(scene, node.actions, motions[node], checks).passed
 
     # Constants of the scene refute some sequences at once; the bounds judge the others, from cheap to expensive.
-    run = Run(tree, accept, progress=lambda line: None)
+    session = SearchSession(tree, accept, progress=lambda line: None)
     possible = [leaf for leaf in leaves.values() if not tree.refute_by_constants(leaf)]
-    passed = yield from run.judge_leaves(possible)
+    passed = yield from session.judge_leaves(possible)
     for leaf in passed:
-        yield from run.try_path(leaf)
+        yield from session.try_path(leaf)
 
     return [_verdict(leaves[actions], motions) for actions in parsed]
 
@@ -147,9 +164,9 @@ def _grow(tree: SequenceTree, sequences: Sequence[tuple[Action, ...]]) -> dict[t
     for actions in sequences:
         try:
             states = tree.grounding.check_sequence(actions)
-        except SymbolicError as error:
+        except LogicError as error:
             name = " ".join(map(str, actions)) or "the empty sequence"
-            raise SymbolicError(f"{name}: {error}") from None
+            raise LogicError(f"{name}: {error}") from None
 
         for depth in range(1, len(actions) + 1):
             prefix = actions[:depth]

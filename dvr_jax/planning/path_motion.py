@@ -21,17 +21,21 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
+from dvr_jax.modes import fixed, held, placed
+from dvr_jax.modes.mode import ModeKind
+from dvr_jax.motion.joint_curve import joint_curve
 from dvr_jax.motion.motion import Motion, make_motion
-from dvr_jax.nlp.problem import HELD_LEFT, PLACED, Problem
-from dvr_jax.scene.mjcf import build_model, qpos_layout
+from dvr_jax.nlp.problem import Problem
+from dvr_jax.scene.layout import qpos_layout
+from dvr_jax.scene.mjcf import build_model
 from dvr_jax.scene.types import Scene
-from dvr_jax.solver.continuous_collision import SAMPLES_PER_SLICE, joint_curve
-from dvr_jax.workcell.constants import ARM_NAMES, FINGER_SPEED, JOINT_ACCELERATION, JOINT_VELOCITY
+from dvr_jax.solver.continuous_collision import SAMPLES_PER_SLICE
+from dvr_jax.workcell.robot import Robot
 
 SHORTEST_SLICE = 0.1
 """Shortest duration of a slice [s]."""
 
-LIMIT_SHARE = 0.9
+LIMIT_FRACTION = 0.9
 """Fraction of the limits of joint speed, joint acceleration and finger speed that a motion may use."""
 
 
@@ -67,13 +71,13 @@ def interpolate(
     slices_after_rest = sampled - ((phase + 1) * S - 1)
     fingers = _finger_travels(problem, slices_after_rest, phase)
 
-    layout = qpos_layout(len(scene.objects))
+    layout = qpos_layout(scene)
     qpos = np.zeros((len(sampled), layout.size))
     qpos[:, layout.arm_joints.reshape(-1)] = joints
     qpos[:, layout.fingers.reshape(-1)] = np.repeat(fingers, 2, axis=1)
     _carry_objects(scene, problem, m, phase_after, qpos)
 
-    time = sampled * _slice_duration(joints, fingers)
+    time = sampled * _slice_duration(scene.workcell.robot, joints, fingers)
     switch = (np.arange(K) + 1) * S * R
     return make_motion(time, qpos, switch)
 
@@ -93,12 +97,13 @@ def _finger_travels(
     Returns:
         Distance of each finger from its hand's middle plane [m].
     """
-    opening = np.asarray(problem.opening)
+    opening = np.asarray(problem.finger_opening)
     before = opening[phase]
     after = opening[phase + 1]
 
     # Where both hands move, the closing one has the first half of the interval and the opening one the second.
-    both_move = (before != after).all(axis=1, keepdims=True)
+    is_moving = before != after
+    both_move = is_moving.sum(axis=1, keepdims=True) > 1
     half = np.where(after < before, 2 * fraction[:, None], 2 * fraction[:, None] - 1)
     moved = np.clip(np.where(both_move, half, fraction[:, None]), 0, 1)
 
@@ -106,12 +111,14 @@ def _finger_travels(
 
 
 def _slice_duration(
+    robot: Robot,
     joints: Float[np.ndarray, "samples joints"],
     fingers: Float[np.ndarray, "samples arms"],
 ) -> float:
     """Return the shortest duration of a slice that keeps all limits [s].
 
     Args:
+        robot: Robot that all arms are.
         joints: Joint angles of all arms at the motion's rate [rad].
         fingers: Travel of each arm's fingers [m].
 
@@ -119,16 +126,17 @@ def _slice_duration(
         Duration of a slice [s].
     """
     arms = fingers.shape[1]
-    joint_velocity = np.tile(JOINT_VELOCITY, arms)
-    joint_acceleration = np.tile(JOINT_ACCELERATION, arms)
+    joint_velocity = np.tile(robot.joint_velocity, arms)
+    joint_acceleration = np.tile(robot.joint_acceleration, arms)
 
     # First and second differences in units of a slice. The motion starts and ends at rest.
     velocity = np.diff(joints, axis=0) * SAMPLES_PER_SLICE
     change = np.diff(velocity, axis=0, prepend=0.0, append=0.0) * SAMPLES_PER_SLICE
 
-    by_velocity = np.abs(velocity / joint_velocity).max() / LIMIT_SHARE
-    by_acceleration = np.abs(change / joint_acceleration).max() / LIMIT_SHARE
-    by_fingers = np.abs(np.diff(fingers, axis=0)).max() * SAMPLES_PER_SLICE / FINGER_SPEED / LIMIT_SHARE
+    by_velocity = np.abs(velocity / joint_velocity).max() / LIMIT_FRACTION
+    by_acceleration = np.abs(change / joint_acceleration).max() / LIMIT_FRACTION
+    finger_velocity = np.abs(np.diff(fingers, axis=0)).max() * SAMPLES_PER_SLICE
+    by_fingers = finger_velocity / robot.finger_speed / LIMIT_FRACTION
 
     return max(SHORTEST_SLICE, float(by_velocity), math.sqrt(float(by_acceleration)), float(by_fingers))
 
@@ -141,7 +149,7 @@ def _carry_objects(
     qpos: Float[np.ndarray, "samples states"],
 ) -> None:
     """Write the poses of the objects into `qpos`, whose joints are complete."""
-    columns = qpos_layout(len(scene.objects)).objects
+    columns = qpos_layout(scene).objects
     hand_position, hand_rotation = _gripper_frames(scene, qpos)
 
     for k in np.unique(phase):
@@ -168,7 +176,7 @@ def _gripper_frames(
     """Return positions [m] and row-major rotation matrices of the arms' gripper centers in the world."""
     model = build_model(scene)
     data = mujoco.MjData(model)
-    sites = [model.site(f"{arm}/gripper").id for arm in ARM_NAMES]
+    sites = [model.site(f"{arm}/gripper").id for arm in scene.workcell.arm_names]
 
     # The views are taken once, because MuJoCo's arrays stay where they are from one sample to the next.
     state = data.qpos
@@ -195,24 +203,23 @@ def _object_pose(
     hand_rotation: Float[np.ndarray, "samples arms 9"],
 ) -> tuple[Float[np.ndarray, "..."], Rotation]:
     """Return position [m] and rotation of an object in the samples of one phase, one for all where it stands."""
-    attachment = int(problem.attachment[phase, item])
-    action = int(problem.attached_by[phase, item])
-
-    if attachment >= HELD_LEFT:
-        # T_world_object = T_world_hand T_object_hand^-1
-        arm = attachment - HELD_LEFT
-        R_object_hand, p_object_hand = grasp_transform(float(problem.face_yaw[action]), m[action])
-        R_world_object = hand_rotation[:, arm].reshape(-1, 3, 3) @ R_object_hand.T
-        position = hand_position[:, arm] - R_world_object @ p_object_hand
-        return position, Rotation.from_matrix(R_world_object)
-
-    if attachment == PLACED:
-        x, y, yaw = m[action, :3]
-        half_height = np.asarray(problem.half)[item, 2]
-        return np.array([x, y, half_height]), Rotation.from_euler("z", yaw)
-
-    initial_pose = np.asarray(problem.initial_pose)[item]
-    return initial_pose[:3], Rotation.from_euler("z", initial_pose[3])
+    kind = int(problem.mode_kind[phase, item])
+    action = int(problem.mode_action[phase, item])
+    if kind == ModeKind.HELD:
+        arm = int(problem.mode_parent[phase, item])
+        R_world_hand = hand_rotation[:, arm].reshape(-1, 3, 3)
+        rotation, position = held.pose_on_host(
+            m[action],
+            float(problem.closing_yaw[action]),
+            R_world_hand,
+            hand_position[:, arm],
+        )
+    elif kind == ModeKind.PLACED:
+        half_height = float(np.asarray(problem.prism)[item, 2])
+        rotation, position = placed.pose_on_host(m[action], half_height)
+    else:
+        rotation, position = fixed.pose_on_host(np.asarray(problem.initial_pose)[item])
+    return position, rotation
 
 
 def _align_quaternion_signs(
@@ -228,27 +235,3 @@ def _align_quaternion_signs(
         signs = np.where(np.cumsum(flips) % 2, -1.0, 1.0)
         qpos[1:, indices] *= signs[:, None]
 
-
-def grasp_transform(
-    face_yaw: float,
-    m: Float[np.ndarray, " parameters"],
-) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"]]:
-    """Return the gripper's frame in the object's frame, as `dvr_jax.modes.poses.grasp_frame` has it.
-
-    Args:
-        face_yaw: Yaw of the grasped face's normal in the object's frame [rad].
-        m: (4,) mode parameters of the grasp: the gripper's center along the face and upward [m], pitch and yaw [rad].
-
-    Returns:
-        Rotation (3, 3) and center (3,) [m] of the gripper.
-    """
-    cosine = np.cos(face_yaw + m[3])
-    sine = np.sin(face_yaw + m[3])
-
-    normal = np.array([cosine, sine, 0.0])
-    along = np.array([-sine, cosine, 0.0])
-    up = np.array([0.0, 0.0, 1.0])
-    approach = np.sin(m[2]) * along - np.cos(m[2]) * up
-
-    rotation = np.stack([np.cross(normal, approach), normal, approach], axis=1)
-    return rotation, m[0] * along + m[1] * up

@@ -11,10 +11,13 @@ import msgspec
 
 from dvr_jax.checker import CheckReport
 from dvr_jax.errors import DataError, DvrError
-from dvr_jax.logic import Action, ground_actions
-from dvr_jax.motion.motion import Motion, load_motion, save_motion
+from dvr_jax.logic import Action
+from dvr_jax.motion.file import load_motion, save_motion
+from dvr_jax.motion.motion import Motion
+from dvr_jax.operators import ground_scene
 from dvr_jax.scene.files import scene_from_json, scene_to_json
-from dvr_jax.scene.mjcf import qpos_layout, scene_xml
+from dvr_jax.scene.layout import qpos_layout
+from dvr_jax.scene.mjcf import scene_xml
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.status import PlanStatus
 
@@ -67,7 +70,9 @@ def save_plan(folder: Path, plan: Plan, pictures: bool, animation: bool) -> None
         OSError: A file cannot be written.
     """
     # Imported here, because drawing takes half a second that other uses of a plan need not wait for.
-    from dvr_jax.drawing.film import save_animation, save_depth_picture, save_film
+    from dvr_jax.drawing.animation import save_animation
+    from dvr_jax.drawing.depth_picture import save_depth_picture
+    from dvr_jax.drawing.film import save_film
 
     folder.mkdir(parents=True, exist_ok=True)
 
@@ -83,7 +88,7 @@ def save_plan(folder: Path, plan: Plan, pictures: bool, animation: bool) -> None
     if plan.motion is not None:
         save_motion(folder / TRAJECTORY, plan.motion)
         if pictures:
-            save_film(folder / FILM, plan.scene, plan.actions, plan.motion)
+            save_film(folder / FILM, plan.scene, plan.action_descriptions, plan.motion)
         if animation:
             save_animation(folder / ANIMATION, plan.scene, plan.motion)
 
@@ -164,7 +169,7 @@ def _load_fitting_motion(folder: Path, scene: Scene, actions: tuple[Action, ...]
         raise DataError(f"{folder / PLAN} says that the plan is solved, but there is no file {path}.")
 
     motion = load_motion(path)
-    columns = qpos_layout(len(scene.objects)).size
+    columns = qpos_layout(scene).size
     if motion.qpos.shape[1] != columns:
         raise DataError(f"the states of {path} have {motion.qpos.shape[1]} numbers; the plan's scene has {columns}.")
     if len(motion.switch) != len(actions):
@@ -183,7 +188,7 @@ def _require_agreement(path: Path, record: _PlanFile, scene: Scene, actions: tup
     if record.check is None or not record.check.passed:
         raise DataError(f"{path} says that the plan is solved, but not that it passed the check.")
 
-    grounding = ground_actions([item.name for item in scene.objects], scene.goal.object)
+    grounding = ground_scene(scene)
     try:
         grounding.check_sequence(actions)
     except DvrError as error:

@@ -10,24 +10,25 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import jax
 
-from dvr_jax.checker import CheckReport
-from dvr_jax.checker.replay import check_motion
+from dvr_jax.checker import CHECKS, CheckReport, OperatorCheck, check_motion
 from dvr_jax.motion.motion import Motion
+from dvr_jax.operators import OPERATORS, Operator
 from dvr_jax.planning.arguments import require_integer, require_positive, require_scene
 from dvr_jax.planning.feasibility import motion_of
-from dvr_jax.planning.networks import TrainedNetwork, choose_network
+from dvr_jax.planning.networks import choose_search
 from dvr_jax.planning.result import Plan
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.node import Node
-from dvr_jax.search.run import Outcome
+from dvr_jax.search.predictor import Encoding, Images, SequencePredictor
 from dvr_jax.search.searches import search as run_search
+from dvr_jax.search.session import Outcome
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.warm import warming_up
-from dvr_jax.solver.engine import NlpSolution
+from dvr_jax.solver.lane_pool import NlpSolution
 
 __all__ = ["Plan", "plan"]
 
@@ -39,7 +40,9 @@ def plan(
     seed: int = 0,
     time_limit: float = 300.0,
     progress: Callable[[str], None] | None = None,
-    network: TrainedNetwork | None = None,
+    network: SequencePredictor[Images, Encoding] | None = None,
+    operators: Sequence[Operator] = OPERATORS,
+    checks: Sequence[OperatorCheck] = CHECKS,
 ) -> Plan:
     """Find a sequence of actions that solves a scene, and a motion that carries it out and passes the check.
 
@@ -52,7 +55,10 @@ def plan(
         time_limit: Time after which the search gives up [s]. The clock is read between batches, so the limit is
             overrun by a few seconds. Compilation counts; on a machine's first plan it takes most of a minute.
         progress: Function that takes one line about what is going on; None for silence.
-        network: Network of the search's kind, for "dvr" and "classifier"; None for the shipped one.
+        network: Network of the search's kind, for "dvr" and "classifier"; None for the shipped one. Where the shipped
+            one was trained in another workcell or for other operators, "mbts" searches in its place.
+        operators: Operators that the plan may consist of.
+        checks: Their halves in the independent check.
 
     Returns:
         The plan. Its status says whether a motion was found, and if not, why the search ended.
@@ -65,17 +71,18 @@ def plan(
     k_max = require_integer("k_max", k_max, least=1)
     seed = require_integer("the seed", seed, least=0)
     time_limit = require_positive("the time limit", time_limit, "s")
-    chosen_network = choose_network(search, network)
+    say = progress or _say_nothing
+    search, chosen_network = choose_search(search, network, scene, operators, say)
 
     begin = time.monotonic()
 
     # The tree refuses a scene whose arms collide at home, before anything is compiled for it.
-    tree = SequenceTree(scene, k_max, seed, deadline=begin + time_limit)
-    acceptance = _Acceptance(scene, progress or _say_nothing)
+    tree = SequenceTree(scene, k_max, seed, deadline=begin + time_limit, operators=operators)
+    acceptance = _Acceptance(scene, say, checks)
 
     # Tolerances of a micrometer need double precision. It is switched on here and not on import, because the import of
     # a package must not change the programs of others.
-    with jax.enable_x64(True), warming_up(scene, k_max, chosen_network):
+    with jax.enable_x64(True), warming_up(scene, k_max, chosen_network, operators):
         outcome = run_search(search, tree, acceptance.accept, acceptance.progress, chosen_network)
 
     options: dict[str, object] = {
@@ -91,8 +98,9 @@ def plan(
 class _Acceptance:
     """The last word on a path: its motion and what the independent check says of it."""
 
-    def __init__(self, scene: Scene, progress: Callable[[str], None]) -> None:
+    def __init__(self, scene: Scene, progress: Callable[[str], None], checks: Sequence[OperatorCheck]) -> None:
         self.scene = scene
+        self.checks = checks
         self.progress = progress
         self.motion: Motion | None = None
         """Motion that the check accepted."""
@@ -115,7 +123,7 @@ class _Acceptance:
         """
         start = time.monotonic()
         motion = motion_of(self.scene, node, path)
-        report = check_motion(self.scene, node.actions, motion)
+        report = check_motion(self.scene, node.actions, motion, self.checks)
         self.seconds += time.monotonic() - start
 
         if report.passed:
@@ -153,6 +161,7 @@ def _make_plan(
         verdicts=dict(tree.counts.verdicts),
         rejected=acceptance.rejected,
         options=options,
+        operators=tuple(tree.operators),
     )
 
 

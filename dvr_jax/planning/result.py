@@ -9,8 +9,9 @@ from typing import Self
 import numpy as np
 
 from dvr_jax.checker import CheckReport
-from dvr_jax.logic import Action, describe
+from dvr_jax.logic import Action
 from dvr_jax.motion.motion import Motion
+from dvr_jax.operators import OPERATORS, Operator, describe
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.status import PlanStatus
 
@@ -41,6 +42,8 @@ class Plan:
     """Number of feasible paths that the independent check refused."""
     options: dict[str, object] = field(default_factory=dict)
     """Search, k_max, seed, checksum of the network (None without one) and time limit (None if infinite) [s]."""
+    operators: tuple[Operator, ...] = OPERATORS
+    """Operators of the actions; they are not compared and not written to disk."""
 
     @property
     def solved(self) -> bool:
@@ -50,7 +53,7 @@ class Plan:
     @property
     def action_descriptions(self) -> tuple[str, ...]:
         """The actions as English phrases, as in "left grasps yellow at its +x face"."""
-        return tuple(describe(action) for action in self.actions)
+        return tuple(describe(action, self.operators) for action in self.actions)
 
     def __repr__(self) -> str:
         """Return one line: status, number of actions, duration of the motion, planning time."""
@@ -71,7 +74,7 @@ class Plan:
         if not isinstance(other, Plan):
             return NotImplemented
 
-        plain = [item.name for item in fields(self) if item.name != "motion"]
+        plain = [item.name for item in fields(self) if item.name not in ("motion", "operators")]
         if any(getattr(self, name) != getattr(other, name) for name in plain):
             return False
 

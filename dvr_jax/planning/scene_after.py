@@ -9,7 +9,6 @@ other, until none is left (projections onto the constraints in turn, as in posit
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import TYPE_CHECKING
@@ -18,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvr_jax.errors import DvrError, MotionError
-from dvr_jax.geometry.footprint import Circle, Footprint, Rectangle, signed_distance
-from dvr_jax.logic import Action, ground_actions, object_of
-from dvr_jax.scene.mjcf import qpos_layout
+from dvr_jax.geometry.footprint import Circle, Footprint, signed_distance
+from dvr_jax.operators import ground_scene, object_of
+from dvr_jax.scene.layout import qpos_layout
 from dvr_jax.scene.types import Scene, SceneObject
-from dvr_jax.scene.validation import TABLE_FOOTPRINT, validate_scene
-from dvr_jax.workcell.constants import BASE_LENGTH, BASE_POSITIONS, BASE_RADIUS, BASE_WIDTH, BASE_YAWS
+from dvr_jax.scene.validation import validate_scene
+from dvr_jax.scene.workcell_rules import base_footprints
 
 if TYPE_CHECKING:
     from dvr_jax.planning.result import Plan
@@ -65,11 +64,11 @@ def scene_after(plan: Plan) -> Scene:
         raise MotionError(
             f"the plan has no motion (its status: {plan.status}); only a solved plan has a scene after it."
         )
-    _require_empty_hands(plan.scene, plan.actions)
+    _require_empty_hands(plan)
 
-    moved = {object_of(action) for action in plan.actions}
+    moved = {object_of(action, plan.operators) for action in plan.actions}
     final_objects = _objects_of_state(plan.scene, plan.motion.qpos[-1], moved)
-    shifted_objects = _part_objects(final_objects, moved)
+    shifted_objects = _part_objects(plan.scene, final_objects, moved)
     scene = replace(plan.scene, objects=shifted_objects)
 
     for before, after in zip(final_objects, shifted_objects, strict=True):
@@ -88,10 +87,10 @@ def scene_after(plan: Plan) -> Scene:
     return scene
 
 
-def _require_empty_hands(scene: Scene, actions: Sequence[Action]) -> None:
-    """Refuse actions after which an arm still holds an object, because a scene has no held objects."""
-    grounding = ground_actions([item.name for item in scene.objects], scene.goal.object)
-    final_state = grounding.apply(actions)[-1]
+def _require_empty_hands(plan: Plan) -> None:
+    """Refuse a plan after which an arm still holds an object, because a scene has no held objects."""
+    grounding = ground_scene(plan.scene, plan.operators)
+    final_state = grounding.apply(plan.actions)[-1]
 
     for predicate, *arguments in grounding.facts_in(final_state):
         if predicate == "holding":
@@ -103,7 +102,7 @@ def _require_empty_hands(scene: Scene, actions: Sequence[Action]) -> None:
 
 def _objects_of_state(scene: Scene, qpos: NDArray[np.float64], moved: set[str]) -> tuple[SceneObject, ...]:
     """Return the scene's objects, those that were moved upright at the x, y and yaw of a state (nq,)."""
-    columns = qpos_layout(len(scene.objects)).objects
+    columns = qpos_layout(scene).objects
     objects = []
 
     for item, indices in zip(scene.objects, columns, strict=True):
@@ -121,15 +120,15 @@ def _yaw_of(w: float, x: float, y: float, z: float) -> float:
     return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
 
 
-def _part_objects(objects: tuple[SceneObject, ...], moved: set[str]) -> tuple[SceneObject, ...]:
+def _part_objects(scene: Scene, objects: tuple[SceneObject, ...], moved: set[str]) -> tuple[SceneObject, ...]:
     """Shift objects that were moved until they overlap neither each other, nor others, nor the arms' feet."""
     items = [_Item(item.footprint, item.name in moved) for item in objects]
-    obstacles = [_Item(footprint, movable=False) for footprint in _base_footprints()]
+    obstacles = [_Item(footprint, movable=False) for footprint in _obstacles(scene)]
 
     for _ in range(SWEEPS):
         changed = False
         for item in items:
-            changed |= _move_onto_table(item)
+            changed |= _move_onto_table(item, scene.workcell.table.half_extents)
         for first, second in combinations([*items, *obstacles], 2):
             changed |= _part(first, second)
         if not changed:
@@ -175,7 +174,7 @@ def _gradient(first: Footprint, second: Footprint, step: float = 1e-7) -> Vector
     return gradient / length if length > 0 else np.array([1.0, 0.0])
 
 
-def _move_onto_table(item: _Item) -> bool:
+def _move_onto_table(item: _Item, half_extents: tuple[float, float]) -> bool:
     """Move a footprint that reaches over the table's border back onto it, and say whether it was moved."""
     if not item.movable:
         return False
@@ -185,7 +184,7 @@ def _move_onto_table(item: _Item) -> bool:
     else:
         reach = np.abs(item.footprint.corners() - item.footprint.center).max(axis=0)
 
-    room = np.asarray(TABLE_FOOTPRINT.half) - reach
+    room = np.asarray(half_extents) - reach
     center = np.asarray(item.footprint.center)
     shift = np.clip(center, -room, room) - center
     if not shift.any():
@@ -195,14 +194,9 @@ def _move_onto_table(item: _Item) -> bool:
     return True
 
 
-def _base_footprints() -> list[Footprint]:
-    """Return what the arms' feet cover of the table: for each arm a disc, and a plate behind it."""
-    footprints: list[Footprint] = []
-
-    for position, yaw in zip(BASE_POSITIONS, BASE_YAWS, strict=True):
-        backward = np.array([-math.cos(yaw), -math.sin(yaw)])
-        x, y = (np.asarray(position) + BASE_LENGTH / 2 * backward).tolist()
-        footprints.append(Circle(position, BASE_RADIUS))
-        footprints.append(Rectangle((x, y), (BASE_LENGTH / 2, BASE_WIDTH / 2), yaw))
-
-    return footprints
+def _obstacles(scene: Scene) -> list[Footprint]:
+    """Return what objects may not overlap: the arms' feet, and fixed bodies that begin lower than an object is high."""
+    workcell = scene.workcell
+    feet = [part for arm in workcell.arms for part in base_footprints(arm, workcell.robot)]
+    highest = max(item.height for item in scene.objects)
+    return [*feet, *(body.footprint for body in scene.fixed if body.bottom < highest)]

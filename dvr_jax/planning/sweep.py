@@ -14,10 +14,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from dvr_jax import __version__
+from dvr_jax.dataset.counts import write_manifest
 from dvr_jax.dataset.footer import ShardInfo
 from dvr_jax.dataset.labelling import LabelOptions
 from dvr_jax.dataset.labels import Label
-from dvr_jax.dataset.manifest import write_manifest
 from dvr_jax.dataset.shards import list_shards, read_columns, write_shard
 from dvr_jax.errors import DataError, OptionError
 from dvr_jax.planning.label_workers import LabelTask, label_on_processes, label_on_ray, label_scenes

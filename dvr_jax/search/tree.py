@@ -17,8 +17,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from dvr_jax.logic import Action, Grounding, ground_actions
-from dvr_jax.operators import OPERATORS, Operator, is_duplicate, refute
+from dvr_jax.logic import Action, Grounding
+from dvr_jax.operators import OPERATORS, Operator, ground_scene, is_duplicate, refute
 from dvr_jax.scene.mjcf import require_free_home
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.node import Node
@@ -135,17 +135,3 @@ class SequenceTree:
         """Whether a node may go on, by pose bounds that are known; it is refuted if it may not."""
         return self._pose_bound.check_cached(node)
 
-
-def ground_scene(scene: Scene, operators: Sequence[Operator] = OPERATORS) -> Grounding:
-    """All actions over the objects of a scene.
-
-    Args:
-        scene: A valid scene.
-        operators: The operators that are known.
-    """
-    return ground_actions(
-        scene.object_names,
-        scene.goal.object,
-        scene.workcell.arm_names,
-        action_texts=tuple(operator.pddl for operator in operators),
-    )
