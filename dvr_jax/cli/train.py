@@ -19,9 +19,11 @@ from dvr_jax.dataset import load_examples
 from dvr_jax.dataset.examples import find_shards
 from dvr_jax.errors import run_command
 from dvr_jax.logic import Action
+from dvr_jax.model.network_config import NetworkConfig
+from dvr_jax.model.training_data import prepare_training_data
+from dvr_jax.model.training_options import TrainOptions
 from dvr_jax.model.training_record import write_training_record
-from dvr_jax.model.network import NetworkConfig
-from dvr_jax.model.training_run import TrainOptions, prepare, train
+from dvr_jax.model.training_run import train
 from dvr_jax.planning.feasibility import judge
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.work import run_together
@@ -52,9 +54,9 @@ def main() -> int:
     )
     load = partial(load_examples, completions=options.completions, k_max=options.k_max)
     held_out = load(options.validation) if options.validation else None
-    data = prepare(options, load(options.data), held_out, say, are_feasible)
+    data = prepare_training_data(options, load(options.data), held_out, say, are_feasible)
     say(
-        f"{len(data.sampler.rows)} sequences to train on, {len(data.sampler.feasible)} of them feasible; "
+        f"{len(data.sampler.sequences)} sequences to train on, {len(data.sampler.feasible)} of them feasible; "
         f"a target of 1 weighs {data.positive_weight:.2f}"
     )
     train(options, data, network, say)
