@@ -26,8 +26,18 @@ _PUBLIC_NAMES: dict[str, str] = {
     "SceneDistribution": "dvr_jax.scene.sampling:SceneDistribution",
     "Scene": "dvr_jax.scene.types:Scene",
     "SceneObject": "dvr_jax.scene.types:SceneObject",
-    "Region": "dvr_jax.scene.types:Region",
-    "Goal": "dvr_jax.scene.types:Goal",
+    "FixedBody": "dvr_jax.scene.types:FixedBody",
+    "Region": "dvr_jax.goals:Region",
+    "OnRegion": "dvr_jax.goals:OnRegion",
+    # Workcells
+    "Workcell": "dvr_jax.workcell.workcell:Workcell",
+    "Arm": "dvr_jax.workcell.workcell:Arm",
+    "Table": "dvr_jax.workcell.workcell:Table",
+    "Robot": "dvr_jax.workcell.robot:Robot",
+    "WORKCELLS": "dvr_jax.workcell.workcell:WORKCELLS",
+    # Operators
+    "Operator": "dvr_jax.operators:Operator",
+    "OPERATORS": "dvr_jax.operators:OPERATORS",
     # Planning
     "plan": "dvr_jax.planning.planner:plan",
     "Plan": "dvr_jax.planning.result:Plan",
@@ -62,10 +72,14 @@ if TYPE_CHECKING:
     from dvr_jax.errors import NetworkError as NetworkError
     from dvr_jax.errors import OptionError as OptionError
     from dvr_jax.errors import SceneError as SceneError
+    from dvr_jax.goals import OnRegion as OnRegion
+    from dvr_jax.goals import Region as Region
     from dvr_jax.logic import Action as Action
     from dvr_jax.logic import LogicError as LogicError  # noqa: F401
     from dvr_jax.model.predictor import Predictor as Predictor
     from dvr_jax.motion.motion import Motion as Motion
+    from dvr_jax.operators import OPERATORS as OPERATORS
+    from dvr_jax.operators import Operator as Operator
     from dvr_jax.planning.check import check as check
     from dvr_jax.planning.feasibility import Verdict as Verdict
     from dvr_jax.planning.feasibility import feasibility as feasibility
@@ -77,11 +91,15 @@ if TYPE_CHECKING:
     from dvr_jax.scene.files import save_scenes as save_scenes
     from dvr_jax.scene.random_scenes import sample_scenes as sample_scenes
     from dvr_jax.scene.sampling import SceneDistribution as SceneDistribution
-    from dvr_jax.scene.types import Goal as Goal
-    from dvr_jax.scene.types import Region as Region
+    from dvr_jax.scene.types import FixedBody as FixedBody
     from dvr_jax.scene.types import Scene as Scene
     from dvr_jax.scene.types import SceneObject as SceneObject
     from dvr_jax.search.status import PlanStatus as PlanStatus
+    from dvr_jax.workcell.robot import Robot as Robot
+    from dvr_jax.workcell.workcell import WORKCELLS as WORKCELLS
+    from dvr_jax.workcell.workcell import Arm as Arm
+    from dvr_jax.workcell.workcell import Table as Table
+    from dvr_jax.workcell.workcell import Workcell as Workcell
 
 
 def __getattr__(name: str) -> object:

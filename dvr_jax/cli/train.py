@@ -30,15 +30,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit code.
     """
-    from dvr_jax.model.training_run import TrainOptions
+    from dvr_jax.model.training_options import TrainOptions
 
     options = parse_options(TrainOptions, "train", arguments)
     options.check()
 
     from dvr_jax.dataset import examples
-    from dvr_jax.model.network import NetworkConfig
-    from dvr_jax.model.training_record import write_manifest
-    from dvr_jax.model.training_run import prepare, train
+    from dvr_jax.dataset.shards import find_shards
+    from dvr_jax.model.network_config import NetworkConfig
+    from dvr_jax.model.training_data import prepare_training_data
+    from dvr_jax.model.training_record import write_training_record
+    from dvr_jax.model.training_run import train
 
     network = NetworkConfig(
         image_size=options.image_size,
@@ -51,16 +53,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # Held-out data are loaded as the training data are; without any, a fraction of the scenes is held out.
     load = partial(examples.load_examples, completions=options.completions, k_max=options.k_max)
     held_out = load(options.validation) if options.validation else None
-    data = prepare(options, load(options.data), held_out, say, are_feasible)
+    data = prepare_training_data(options, load(options.data), held_out, say, are_feasible)
     say(
-        f"{len(data.draws.rows)} sequences to train on, {len(data.draws.feasible)} of them feasible; "
+        f"{len(data.sampler.sequences)} sequences to train on, {len(data.sampler.feasible)} of them feasible; "
         f"a target of 1 weighs {data.positive_weight:.2f}"
     )
 
     train(options, data, network, say)
 
     given = sys.argv[1:] if arguments is None else list(arguments)
-    write_manifest(options.out, data, given, examples.find_shards(options.data))
+    write_training_record(options.out, data, given, find_shards(options.data))
     say(f"written to {options.out}/")
     return 0
 

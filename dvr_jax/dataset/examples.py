@@ -20,7 +20,7 @@ from dvr_jax.dataset.labelled_scenes import LabelledScene, labelled_scenes
 from dvr_jax.dataset.shards import find_shards, read_columns
 from dvr_jax.dataset.targets import targets
 from dvr_jax.errors import DvrError
-from dvr_jax.nlp.transcription import is_duplicate, refute
+from dvr_jax.operators import OPERATORS, is_duplicate, refute
 from dvr_jax.scene.types import Scene
 
 PADDING = -1
@@ -215,8 +215,8 @@ def _known_prefixes(labelled: LabelledScene, feasible_by_sequence: dict[tuple[in
         feasible=[sequence for sequence, feasible in feasible_by_sequence.items() if feasible],
         infeasible=[sequence for sequence, feasible in feasible_by_sequence.items() if not feasible],
         refuted=labelled.refuted_prefixes,
-        impossible=[number for number, action in actions if refute(labelled.scene, action) is not None],
-        duplicates=[number for number, action in actions if is_duplicate(labelled.scene, action)],
+        impossible=[number for number, action in actions if refute(labelled.scene, action, OPERATORS) is not None],
+        duplicates=[number for number, action in actions if is_duplicate(labelled.scene, action, OPERATORS)],
     )
 
 

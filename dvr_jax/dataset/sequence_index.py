@@ -193,13 +193,12 @@ class SequenceIndex:
 
 def sequence_index_of(scene: Scene) -> SequenceIndex:
     """Return the index of a scene, shared by all scenes whose objects and goal object have the same names."""
-    names = tuple(item.name for item in scene.objects)
-    return _sequence_index(names, scene.goal.object)
+    return _sequence_index(ground_scene(scene))
 
 
 @functools.lru_cache(maxsize=64)
-def _sequence_index(names: tuple[str, ...], goal_object: str) -> SequenceIndex:
-    return SequenceIndex(ground_actions(names, goal_object))
+def _sequence_index(grounding: Grounding) -> SequenceIndex:
+    return SequenceIndex(grounding)
 
 
 def _permutation(number: int, generator: random.Random) -> Iterator[int]:

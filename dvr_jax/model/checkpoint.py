@@ -1,7 +1,9 @@
-"""Checkpoints of a training run: the only file that calls orbax-checkpoint.
+"""Checkpoints of a training run; no other file uses orbax-checkpoint.
 
-A checkpoint holds parameters, optimiser state, step and the seed of the order of the data (a batch is a function of
-seed and step, so the two are the whole state of that order), and the header (`dvr_jax.model.metadata`)."""
+A checkpoint holds the parameters, the optimizer's state, the number of steps done, the seed of the order of the data
+and the metadata of the network (`dvr_jax.model.metadata`). A batch is a function of seed and step, so these two are
+the whole state of that order.
+"""
 
 from __future__ import annotations
 
@@ -11,30 +13,37 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import optax
 import orbax.checkpoint as ocp
 
 from dvr_jax.errors import DvrError
 from dvr_jax.model.metadata import NetworkMetadata, check_parameters
 from dvr_jax.model.network import NetworkParameters, initial_parameters
 
-_HEADER, _PARAMETERS, _REST = "header", "parameters", "rest"
-"""Parts of a checkpoint."""
+# Names of a checkpoint's parts on disk.
+_METADATA = "header"
+_PARAMETERS = "parameters"
+_REST = "rest"
 
 
 @dataclass(frozen=True)
 class TrainingState:
     """Everything from which a run continues."""
 
-    weights: NetworkParameters
-    optimizer: Any
-    """The optimiser's tree of arrays."""
-    step: int
-    """Steps done."""
-    seed: int
-    """Of the order of the data."""
+    parameters: NetworkParameters
+    """Parameters of the network."""
 
-    def rest(self) -> dict[str, Any]:
-        """All but the parameters, as one tree of arrays."""
+    optimizer: optax.OptState
+    """The optimizer's tree of arrays."""
+
+    step: int
+    """Number of steps done."""
+
+    seed: int
+    """Seed of the order of the data."""
+
+    def arrays_beside_parameters(self) -> dict[str, Any]:
+        """Return everything but the parameters as one tree of arrays."""
         return {"optimizer": self.optimizer, "order": np.array([self.seed, self.step], np.int64)}
 
 
@@ -42,68 +51,103 @@ class CheckpointFolder:
     """The checkpoints of one run; a checkpoint is there whole or not at all."""
 
     def __init__(self, folder: Path, keep: int = 2) -> None:
-        """Open or make the folder; the `keep` latest checkpoints stay."""
-        logging.getLogger("absl").setLevel(logging.ERROR)  # orbax reports every file it writes
+        """Open the folder, or make it.
+
+        Args:
+            folder: The folder.
+            keep: Number of checkpoints that stay when further ones are written.
+        """
+        # Orbax reports every file that it writes.
+        logging.getLogger("absl").setLevel(logging.ERROR)
         self.folder = folder
         folder.mkdir(parents=True, exist_ok=True)
         options = ocp.CheckpointManagerOptions(max_to_keep=keep, enable_async_checkpointing=False)
         self._manager = ocp.CheckpointManager(folder.absolute(), options=options)
 
     def latest(self) -> int | None:
-        """Step of the latest checkpoint; None when there is none."""
+        """Return the step of the latest checkpoint, or None if there is none."""
         return self._manager.latest_step()
 
-    def save(self, state: TrainingState, header: NetworkMetadata) -> None:
-        """Write a checkpoint."""
-        arguments = {
-            _PARAMETERS: ocp.args.StandardSave(state.weights.tree),
-            _REST: ocp.args.StandardSave(state.rest()),
-            _HEADER: ocp.args.JsonSave(header.to_json()),
-        }
-        self._manager.save(state.step, args=ocp.args.Composite(**arguments))
+    def save(self, state: TrainingState, metadata: NetworkMetadata) -> None:
+        """Write a checkpoint.
 
-    def header(self, step: int) -> NetworkMetadata:
-        """What the checkpoint of a step is."""
-        read = self._restore(step, **{_HEADER: ocp.args.JsonRestore()})
-        return NetworkMetadata.from_json(read[_HEADER], self._name(step))
-
-    def restore(self, template: TrainingState, header: NetworkMetadata) -> TrainingState:
-        """The latest checkpoint, if it is one of the run that `header` describes; `template` is a state like it."""
-        step = self.latest()
-        if step is None:
-            raise DvrError(f"{self.folder}: there is no checkpoint; valid is a folder that training has written.")
-        header.require_same(self.header(step), self._name(step))
-        # Templates of arrays put what is read onto this process' device, whatever device wrote it.
-        read = self._restore(
-            step,
+        Args:
+            state: State of the training.
+            metadata: Metadata of the network at this step.
+        """
+        parts = ocp.args.Composite(
             **{
-                _PARAMETERS: ocp.args.StandardRestore(template.weights.tree),
-                _REST: ocp.args.StandardRestore(template.rest()),
+                _PARAMETERS: ocp.args.StandardSave(state.parameters.tree),
+                _REST: ocp.args.StandardSave(state.arrays_beside_parameters()),
+                _METADATA: ocp.args.JsonSave(metadata.to_json()),
+            }
+        )
+        self._manager.save(state.step, args=parts)
+
+    def metadata(self, step: int) -> NetworkMetadata:
+        """Return the metadata of the checkpoint of a step."""
+        parts = self._restore(step, {_METADATA: ocp.args.JsonRestore()})
+        return NetworkMetadata.from_json(parts[_METADATA], self._name(step))
+
+    def restore(self, template: TrainingState, metadata: NetworkMetadata) -> TrainingState:
+        """Read the latest checkpoint.
+
+        Args:
+            template: A state with the same tree of arrays.
+            metadata: Metadata of the run that is to continue.
+
+        Returns:
+            The state of the training.
+
+        Raises:
+            DvrError: There is no checkpoint, it cannot be read, or it belongs to another run.
+        """
+        step = self._require_latest()
+        metadata.require_same(self.metadata(step), self._name(step))
+
+        # Templates of arrays put what is read onto the device of this process, whatever device wrote it.
+        parts = self._restore(
+            step,
+            {
+                _PARAMETERS: ocp.args.StandardRestore(template.parameters.tree),
+                _REST: ocp.args.StandardRestore(template.arrays_beside_parameters()),
             },
         )
-        seed, step = (int(number) for number in read[_REST]["order"])
-        return TrainingState(NetworkParameters(read[_PARAMETERS], header.config), read[_REST]["optimizer"], step, seed)
+        seed, step = (int(number) for number in parts[_REST]["order"])
+        return TrainingState(
+            parameters=NetworkParameters(parts[_PARAMETERS], metadata.config),
+            optimizer=parts[_REST]["optimizer"],
+            step=step,
+            seed=seed,
+        )
 
-    def weights(self) -> tuple[NetworkParameters, NetworkMetadata]:
-        """ParameterTree of the latest checkpoint, without the optimiser's state."""
+    def latest_network(self) -> tuple[NetworkParameters, NetworkMetadata]:
+        """Read parameters and metadata of the latest checkpoint, without the optimizer's state."""
+        step = self._require_latest()
+        metadata = self.metadata(step)
+        template = initial_parameters(metadata.config, 0).tree
+        parts = self._restore(step, {_PARAMETERS: ocp.args.StandardRestore(template)})
+        return check_parameters(parts[_PARAMETERS], metadata, self._name(step)), metadata
+
+    def close(self) -> None:
+        """Release the folder."""
+        self._manager.close()
+
+    def _require_latest(self) -> int:
+        """Return the step of the latest checkpoint, and refuse a folder without any."""
         step = self.latest()
         if step is None:
             raise DvrError(f"{self.folder}: there is no checkpoint; valid is a folder that training has written.")
-        header = self.header(step)
-        template = initial_parameters(header.config, 0).tree
-        read = self._restore(step, **{_PARAMETERS: ocp.args.StandardRestore(template)})
-        return check_parameters(read[_PARAMETERS], header, self._name(step)), header
+        return step
 
-    def close(self) -> None:
-        """Let go of the folder."""
-        self._manager.close()
-
-    def _restore(self, step: int, **arguments: Any) -> Any:
+    def _restore(self, step: int, parts: dict[str, Any]) -> Any:
+        """Return these parts of a checkpoint."""
         try:
-            return self._manager.restore(step, args=ocp.args.Composite(**arguments))
+            return self._manager.restore(step, args=ocp.args.Composite(**parts))
         except (ValueError, TypeError, KeyError, FileNotFoundError) as error:
             reason = str(error).partition("\n")[0]
             raise DvrError(f"{self._name(step)}: the checkpoint cannot be read ({reason}).") from None
 
     def _name(self, step: int) -> str:
+        """Return the name of a checkpoint in messages."""
         return f"{self.folder}, step {step}"

@@ -1,10 +1,15 @@
-"""The network's 5x5 convolutions as 3x3 ones of packed images: the same sums, in a form that CPUs are good at.
+"""The network's 5x5 convolutions as 3x3 convolutions of space-to-depth images, which CPUs compute faster.
 
-An image (H, W, C) of even size is packed to (H/2, W/2, 4 C): each pixel holds a block of 2 x 2. Then a 5x5 convolution
-with stride 2 is a 3x3 one with stride 1 and the output is not packed; one with stride 1 is a 3x3 one whose output is
-packed as well. The 3x3 kernel holds the 5x5 one, with zeros around it as it lies among the blocks; padding is "SAME".
-With a few channels only, XLA's convolutions on a CPU spend their time on everything but products, so four times as
-many channels make up for the products with zeros.
+Space to depth turns an image (H, W, C) of even size into (H/2, W/2, 4 C): each new pixel holds a block of 2 x 2 old
+ones. On such images
+
+- a 5x5 convolution with stride 2 is a 3x3 convolution with stride 1, whose output is a plain image (H/2, W/2, D);
+- a 5x5 convolution with stride 1 is a 3x3 convolution with stride 1, whose output is a space-to-depth image of the
+  plain output (H, W, D).
+
+The 3x3 kernel holds the 5x5 one, surrounded by zeros, as it lies among the blocks. Padding is "SAME". The sums are the
+same as those of the 5x5 convolution. With only a few channels, XLA's convolutions on a CPU spend their time on
+everything but products, so four times as many channels make up for the products with zeros.
 """
 
 from __future__ import annotations
@@ -13,97 +18,146 @@ import math
 
 import jax
 import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Float, Int
 
-RUN, PART = 4, 8
-"""At most so many pixels of a row, and so many images, at once in a kernel's gradient."""
+PIXELS_AT_ONCE = 4
+"""Largest number of pixels of an image row that a kernel's gradient takes together."""
+
+IMAGES_AT_ONCE = 8
+"""Largest number of images that a kernel's gradient takes together."""
 
 
-def pack(images: jax.Array) -> jax.Array:
-    """Images (B, H, W, C) of even size as blocks (B, H/2, W/2, 4 C)."""
+def space_to_depth(images: Float[Array, "images height width channels"]) -> Float[Array, "images rows columns depth"]:
+    """Return images of even size as blocks of 2 x 2 pixels, (B, H, W, C) as (B, H/2, W/2, 4 C)."""
     number, height, width, channels = images.shape
     blocks = images.reshape(number, height // 2, 2, width // 2, 2, channels)
-    return blocks.transpose(0, 1, 3, 2, 4, 5).reshape(number, height // 2, width // 2, 4 * channels)
+    blocks = blocks.transpose(0, 1, 3, 2, 4, 5)
+    return blocks.reshape(number, height // 2, width // 2, 4 * channels)
 
 
-def packed_kernel(kernel: jax.Array) -> jax.Array:
-    """A kernel (5, 5, C, D) for stride 1, from packed images to packed ones (3, 3, 4 C, 4 D)."""
-    # Output pixel a of a block is the sum over the pixels a to a + 4 of the six in three blocks.
-    placed = jnp.stack([jnp.stack([_place(kernel, a, b) for b in range(2)], axis=-2) for a in range(2)], axis=-3)
+def stride_one_kernel(kernel: Float[Array, "5 5 channels outputs"]) -> Float[Array, "3 3 depth packed_outputs"]:
+    """Return the 3x3 kernel of a 5x5 convolution with stride 1, (3, 3, 4 C, 4 D); the output is space to depth."""
+    # A row of three blocks has six pixels. Output pixel a of the middle block is a sum over the pixels a to a + 4.
+    placed = jnp.stack(
+        [jnp.stack([_place_in_blocks(kernel, row, column) for column in range(2)], axis=-2) for row in range(2)],
+        axis=-3,
+    )
     return placed.reshape(3, 3, -1, 4 * kernel.shape[-1])
 
 
-def halving_kernel(kernel: jax.Array) -> jax.Array:
-    """A kernel (5, 5, C, D) for stride 2, from packed images to plain ones of half the size (3, 3, 4 C, D)."""
-    # "SAME" pads an even size by one pixel before and two behind: the sum is over the pixels 1 to 5 of the six.
-    return _place(kernel, 1, 1).reshape(3, 3, -1, kernel.shape[-1])
+def stride_two_kernel(kernel: Float[Array, "5 5 channels outputs"]) -> Float[Array, "3 3 depth outputs"]:
+    """Return the 3x3 kernel of a 5x5 convolution with stride 2, (3, 3, 4 C, D); the output is a plain image."""
+    # "SAME" pads an even size by one pixel before and two behind, so the sum is over the pixels 1 to 5 of the six.
+    return _place_in_blocks(kernel, 1, 1).reshape(3, 3, -1, kernel.shape[-1])
+
+
+def _place_in_blocks(
+    kernel: Float[Array, "5 5 channels outputs"],
+    row: int,
+    column: int,
+) -> Float[Array, "3 3 2 2 channels outputs"]:
+    """Return a 5x5 kernel at an offset of 0 or 1 in 6 x 6 pixels of zeros, and these as 3 x 3 blocks of 2 x 2."""
+    padded = jnp.pad(kernel, ((row, 1 - row), (column, 1 - column), (0, 0), (0, 0)))
+    return padded.reshape(3, 2, 3, 2, *kernel.shape[2:]).transpose(0, 2, 1, 3, 4, 5)
 
 
 @jax.custom_vjp
-def convolve(images: jax.Array, kernel: jax.Array) -> jax.Array:
-    """Convolution (B, H, W, D) of images (B, H, W, C) with a kernel (3, 3, C, D), stride 1, "SAME"."""
+def convolve(
+    images: Float[Array, "images height width channels"],
+    kernel: Float[Array, "3 3 channels outputs"],
+) -> Float[Array, "images height width outputs"]:
+    """Convolve images with a 3x3 kernel, with stride 1 and padding "SAME".
+
+    Args:
+        images: The images.
+        kernel: The kernel; as in all deep learning, it is not reversed.
+
+    Returns:
+        The sums, for images of the same size.
+    """
     return jax.lax.conv_general_dilated(images, kernel, (1, 1), "SAME", dimension_numbers=("NHWC", "HWIO", "NHWC"))
 
 
-def _convolve_forward(images: jax.Array, kernel: jax.Array) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+def _convolve_forward(images: Array, kernel: Array) -> tuple[Array, tuple[Array, Array]]:
+    """Return the convolution, and what its gradient needs."""
     return convolve(images, kernel), (images, kernel)
 
 
-def _convolve_backward(known: tuple[jax.Array, jax.Array], gradient: jax.Array) -> tuple[jax.Array, jax.Array]:
-    images, kernel = known
-    return convolve(gradient, kernel[::-1, ::-1].swapaxes(2, 3)), _kernel_gradient(images, gradient)
+def _convolve_backward(residuals: tuple[Array, Array], gradient: Array) -> tuple[Array, Array]:
+    """Return the gradients of images and kernel from that of the output."""
+    images, kernel = residuals
+    reversed_kernel = kernel[::-1, ::-1].swapaxes(2, 3)
+    return convolve(gradient, reversed_kernel), _kernel_gradient(images, gradient)
 
 
 convolve.defvjp(_convolve_forward, _convolve_backward)
 
 
-def _kernel_gradient(images: jax.Array, gradient: jax.Array) -> jax.Array:
-    """Gradient (3, 3, C, D) with respect to the kernel from images (B, H, W, C) and the output's gradient (B, H, W, D).
+def _kernel_gradient(
+    images: Float[Array, "images height width channels"],
+    gradient: Float[Array, "images height width outputs"],
+) -> Float[Array, "3 3 channels outputs"]:
+    """Return the gradient of the kernel from the images and the gradient of the output.
 
-    A run of `run` output pixels sees run + 2 input pixels of each of three rows. All products of these pixels are
-    matrix products over the runs, and those of pixels that see each other are added up. Some images at a time, so that
-    the runs stay in the cache: all at once is half as fast."""
+    A run of R neighboring output pixels sees R + 2 input pixels of each of three image rows. The products of all these
+    pixels are one matrix product over the runs, and the products of pixels that see each other are added up. The images
+    are taken a few at a time, so that their runs stay in the cache: all images at once take twice as long.
+    """
     number, height, width, channels = images.shape
-    run, part = math.gcd(width, RUN), math.gcd(number, PART)
+    run = math.gcd(width, PIXELS_AT_ONCE)
+    part = math.gcd(number, IMAGES_AT_ONCE)
 
-    def add(total: jax.Array, some: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, None]:
-        seen, back = some
-        padded = jnp.pad(seen, ((0, 0), (1, 1), (1, 1), (0, 0)))
+    def add_part(total: Array, images_and_gradient: tuple[Array, Array]) -> tuple[Array, None]:
+        some_images, some_gradient = images_and_gradient
+        padded = jnp.pad(some_images, ((0, 0), (1, 1), (1, 1), (0, 0)))
         runs = jnp.stack([padded[:, :, x : x + run + 2] for x in range(0, width, run)], axis=2)
         runs = runs.reshape(part, height + 2, width // run, -1)
-        ends = back.reshape(-1, run * back.shape[-1])
-        rows = [runs[:, y : y + height].reshape(len(ends), -1).T @ ends for y in range(3)]
-        return total + jnp.stack(rows), None
+        outputs = some_gradient.reshape(-1, run * some_gradient.shape[-1])
+        products = [runs[:, row : row + height].reshape(len(outputs), -1).T @ outputs for row in range(3)]
+        return total + jnp.stack(products), None
 
     shape = (number // part, part, height, width, -1)
-    start = jnp.zeros((3, (run + 2) * channels, run * gradient.shape[-1]), images.dtype)
-    total, _ = jax.lax.scan(add, start, (images.reshape(shape), gradient.reshape(shape)))
+    zero = jnp.zeros((3, (run + 2) * channels, run * gradient.shape[-1]), images.dtype)
+    total, _ = jax.lax.scan(add_part, zero, (images.reshape(shape), gradient.reshape(shape)))
+
+    # Output pixel x of a run sees the input pixels x, x + 1 and x + 2 through the three columns of the kernel.
     total = total.reshape(3, run + 2, channels, run, -1)
-    return jnp.stack([sum(total[:, x + column, :, x] for x in range(run)) for column in range(3)], axis=1)
+    columns = [sum(total[:, x + column, :, x] for x in range(run)) for column in range(3)]
+    return jnp.stack(columns, axis=1)
 
 
 @jax.custom_vjp
-def take(images: jax.Array, index: jax.Array) -> jax.Array:
-    """Images `index` (B,) of (A, ...), zeros where the index is A; the gradient is a matrix product, because adding
-    up where indices repeat is slow otherwise."""
+def take_images(
+    images: Float[Array, "images ..."],
+    index: Int[Array, " chosen"],
+) -> Float[Array, "chosen ..."]:
+    """Return the images with these indices; the gradient is a matrix product.
+
+    The gradient of plain indexing adds up where indices repeat, which is slow.
+
+    Args:
+        images: The images to choose from.
+        index: Index of each chosen image; an index equal to the number of images stands for zeros.
+
+    Returns:
+        The chosen images.
+    """
     return images.at[index].get(mode="fill", fill_value=0)
 
 
-def _take_forward(images: jax.Array, index: jax.Array) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+def _take_forward(images: Array, index: Array) -> tuple[Array, tuple[Array, Array]]:
+    """Return the chosen images, and what their gradient needs."""
     # An empty array carries the number of images, which is static.
-    return take(images, index), (index, jnp.zeros((len(images), 0), images.dtype))
+    return take_images(images, index), (index, jnp.zeros((len(images), 0), images.dtype))
 
 
-def _take_backward(known: tuple[jax.Array, jax.Array], gradient: jax.Array) -> tuple[jax.Array, None]:
-    index, images = known
-    chosen = jax.nn.one_hot(index, len(images), axis=0, dtype=gradient.dtype)
+def _take_backward(residuals: tuple[Array, Array], gradient: Array) -> tuple[Array, None]:
+    """Return the gradient of the images from that of the chosen ones; an index has none."""
+    index, images = residuals
+    is_chosen = jax.nn.one_hot(index, len(images), axis=0, dtype=gradient.dtype)
     flat = gradient.reshape(len(index), -1)
-    return jnp.matmul(chosen, flat, precision="highest").reshape(-1, *gradient.shape[1:]), None
+    return jnp.matmul(is_chosen, flat, precision="highest").reshape(-1, *gradient.shape[1:]), None
 
 
-take.defvjp(_take_forward, _take_backward)
-
-
-def _place(kernel: jax.Array, row: int, column: int) -> jax.Array:
-    """The kernel (5, 5, C, D) at an offset in 6 x 6 pixels of zeros, these as 3 x 3 blocks (3, 3, 2, 2, C, D)."""
-    padded = jnp.pad(kernel, ((row, 1 - row), (column, 1 - column), (0, 0), (0, 0)))
-    return padded.reshape(3, 2, 3, 2, *kernel.shape[2:]).transpose(0, 2, 1, 3, 4, 5)
+take_images.defvjp(_take_forward, _take_backward)

@@ -1,139 +1,266 @@
-"""From grounded actions to what the network takes: a symbol and a pair of masks for each action.
+"""Codes of grounded actions: a symbol, the normal of a face and a pair of masks for each action.
 
-The paper splits an action into its operator symbol, whose number does not depend on the scene, and the tuple of
-objects it operates on. A grasp's symbol holds arm and face, its tuple is (object,); a place's symbol holds arm and
-support, its tuple is (object, goal region) or, on the table, (object,): the table covers all that no mask shows, and
-the symbol already tells it apart. So a scene of N objects has 12 symbols and 2 N distinct tuples.
+As in the paper, an action is split into a symbol, of which there are equally many in every scene, and the tuple of
+objects that it operates on:
 
-Faces are named by where they look in the image at first: east (+x of the world), north, west or south. By its own
-name, +x say, a face cannot be recognised: a box turned by 180 degrees looks the same, and so does one turned by 90
-degrees with its sides exchanged.
+- The symbol of a grasp holds arm and face; its tuple is (object,).
+- The symbol of a place holds arm and support. Its tuple is (object, goal region) on the goal and (object,) on the
+  table, because the table is all that no mask shows and the symbol already names it.
+
+A scene of N objects has `actions_per_object()` N actions and `tuples_per_object()` N distinct tuples.
+
+A symbol names a face by the direction in which it looks in the initial scene: east (+x of the world), north, west or
+south. The name in the object's own frame, such as +x, cannot be seen: a box that is turned by 180 degrees looks the
+same, and so does a box that is turned by 90 degrees with its sides exchanged.
 """
+
+from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import Float, Int
 
 from dvr_jax.errors import DvrError
-from dvr_jax.logic import ARMS, FACES, OBJECT_ARGUMENT, Grounding, domain_signature
+from dvr_jax.goals import GOAL_SUPPORT
+from dvr_jax.logic import Action, Grounding, domain_signature
 from dvr_jax.logic.errors import listed
+from dvr_jax.operators import OPERATORS, Operator, Parameter
+from dvr_jax.operators.place import TABLE_SUPPORT
 from dvr_jax.scene.types import Scene, SceneObject
+from dvr_jax.shapes import FACES
+from dvr_jax.workcell.workcell import DEFAULT_WORKCELL, Workcell
 
 Symbol = tuple[str, ...]
-"""Operator and the arguments that are no objects, as in `("grasp", "left", "east")`."""
+"""Operator and those of its arguments that are no objects, such as `("grasp", "left", "east")`."""
+
+TRAINED_WORKCELL = DEFAULT_WORKCELL
+"""The workcell in which the networks are trained."""
+
+TRAINED_ARMS = TRAINED_WORKCELL.arm_names
+"""Names of the two arms with which the networks are trained; a scene's mirror image in x exchanges them."""
 
 DIRECTIONS = ("east", "north", "west", "south")
-"""Where a face may look: +x, +y, -x, -y of the world, within 45 degrees."""
+"""Directions in which a face may look: +x, +y, -x, -y of the world, each within 45 degrees."""
 
-SUPPORTS = ("table", "goal")
+SUPPORTS = (TABLE_SUPPORT, GOAL_SUPPORT)
+"""Supports that the networks know."""
 
-SYMBOLS: tuple[Symbol, ...] = (*product(("grasp",), ARMS, DIRECTIONS), *product(("place",), ARMS, SUPPORTS))
-"""All symbols; the place of one in this list is its code."""
+_WORDS = {Parameter.ARM: TRAINED_ARMS, Parameter.FACE: DIRECTIONS, Parameter.SUPPORT: SUPPORTS}
+"""Words for each kind of argument that is no object."""
 
-_MIRRORED = (
-    {"left": "right", "right": "left", "east": "west", "west": "east"},
-    {"north": "south", "south": "north"},
-)
-"""Words that change when a scene's x or y is reversed; with x, the arms change places."""
 
-MIRRORED = np.array(
-    [
-        [
-            [SYMBOLS.index(tuple((in_x | in_y).get(word, word) for word in symbol)) for symbol in SYMBOLS]
-            for in_y in ({}, _MIRRORED[1])
-        ]
-        for in_x in ({}, _MIRRORED[0])
-    ],
-    np.int32,
-)
-"""Code of each symbol when the scene's x is reversed and when its y is (2, 2, symbols); both are a turn by 180 degrees
-about the table's middle."""
+def _symbols_of(operator: Operator) -> Iterator[Symbol]:
+    """Yield all symbols of an operator."""
+    words = [_WORDS[parameter] for parameter in operator.parameters if parameter is not Parameter.OBJECT]
+    yield from product((operator.name,), *words)
 
-_CODE = {symbol: code for code, symbol in enumerate(SYMBOLS)}
-_PLACE_ON_GOAL = frozenset(symbol for symbol in SYMBOLS if symbol[0] == "place" and symbol[2] == "goal")
+
+SYMBOLS: tuple[Symbol, ...] = tuple(symbol for operator in OPERATORS for symbol in _symbols_of(operator))
+"""All symbols; the index of a symbol in this list is its code."""
+
+_CODES = {symbol: code for code, symbol in enumerate(SYMBOLS)}
+
+_PLACES_ON_GOAL = frozenset(symbol for symbol in SYMBOLS if symbol[-1] == GOAL_SUPPORT)
+
+_REVERSED_IN_X = {
+    **dict(zip(TRAINED_ARMS, reversed(TRAINED_ARMS), strict=True)),
+    "east": "west",
+    "west": "east",
+}
+"""Words of a symbol that change when the x of a scene is reversed."""
+
+_REVERSED_IN_Y = {"north": "south", "south": "north"}
+"""Words of a symbol that change when the y of a scene is reversed."""
+
+
+def actions_per_object() -> int:
+    """Return the number of actions of a scene divided by its number of objects.
+
+    Every symbol occurs exactly once with every object, so this is the number of symbols.
+    """
+    return len(SYMBOLS)
+
+
+def tuples_per_object() -> int:
+    """Return the number of distinct tuples of a scene divided by its number of objects.
+
+    The symbols decide with what an object occurs in a tuple: alone, or with the goal region.
+    """
+    return len({symbol in _PLACES_ON_GOAL for symbol in SYMBOLS})
+
+
+def _mirrored_codes() -> Int[np.ndarray, "2 2 symbols"]:
+    """Return the table `MIRRORED`."""
+    codes = np.empty((2, 2, len(SYMBOLS)), np.int32)
+    for in_x, in_y in product((0, 1), repeat=2):
+        words = (_REVERSED_IN_X if in_x else {}) | (_REVERSED_IN_Y if in_y else {})
+        for code, symbol in enumerate(SYMBOLS):
+            mirrored = tuple(words.get(word, word) for word in symbol)
+            codes[in_x, in_y, code] = _CODES[mirrored]
+    return codes
+
+
+MIRRORED = _mirrored_codes()
+"""Code of each symbol in a mirrored scene (2, 2, symbols).
+
+The first index is 1 if the scene's x is reversed, the second is 1 if its y is reversed. Both together turn the scene by
+180 degrees about the middle of the table.
+"""
 
 
 class ActionCodes(NamedTuple):
-    """The A grounded actions of a scene of N objects, as arrays."""
+    """The grounded actions of a scene of N objects as arrays."""
 
-    symbol: NDArray[np.int32]
-    """Index into SYMBOLS (A,)."""
-    normal: NDArray[np.float32]
-    """Horizontal outward normal (A, 2) of the face that is grasped, in the world; zero of a place and of a cylinder,
-    whose faces are not told apart."""
-    tuple_index: NDArray[np.int32]
-    """Index into `pairs` (A,)."""
-    pairs: NDArray[np.int32]
-    """The distinct tuples (2 N, 2), as indices into the stack of masks of `images.SceneImages`: tuple i is object i
-    alone, tuple N + i object i and the goal region."""
+    symbol: Int[np.ndarray, " actions"]
+    """Code of each action's symbol, an index into `SYMBOLS`."""
+
+    normal: Float[np.ndarray, "actions 2"]
+    """Horizontal outward normal of the grasped face in the world.
+
+    It is zero for a place, and for a grasp of a cylinder, whose faces cannot be told apart.
+    """
+
+    tuple_index: Int[np.ndarray, " actions"]
+    """Each action's tuple, an index into `pairs`."""
+
+    pairs: Int[np.ndarray, "tuples 2"]
+    """The two masks of each distinct tuple, as `object_pairs` gives them."""
 
 
-def object_pairs(number: int) -> NDArray[np.int32]:
-    """The distinct tuples of a scene of N objects (2 N, 2): see `ActionCodes.pairs`."""
+def object_pairs(number: int) -> Int[np.ndarray, "tuples 2"]:
+    """Return the two masks of each distinct tuple of a scene of N objects.
+
+    Tuple i is object i alone, tuple N + i is object i with the goal region. A mask is an index into the masks of
+    `dvr_jax.model.images.SceneImages`: the N objects, the goal region (N), zeros (N + 1).
+    """
     objects = np.arange(number)
-    alone, on_goal = np.full(number, number + 1), np.full(number, number)
-    return np.stack([np.tile(objects, 2), np.concatenate([alone, on_goal])], axis=1).astype(np.int32)
+    no_second_object = np.full(number, number + 1)
+    goal_region = np.full(number, number)
+
+    first_mask = np.tile(objects, tuples_per_object())
+    second_mask = np.concatenate([no_second_object, goal_region])
+    return np.stack([first_mask, second_mask], axis=1).astype(np.int32)
 
 
 def goal_tuple(scene: Scene) -> int:
-    """Index of the goal's own tuple (goal object, goal region) among a scene's `object_pairs`."""
+    """Return the index of the goal's own tuple (goal object, goal region) among the scene's `object_pairs`."""
     return len(scene.objects) + scene.goal_index
 
 
 def encode_actions(grounding: Grounding, objects: Sequence[SceneObject]) -> ActionCodes:
-    """Codes of `grounding.actions` over these objects, in the scene's order."""
-    symbols, normals, tuples = [], [], []
-    index = {item.name: i for i, item in enumerate(objects)}
+    """Encode all actions of a grounding.
+
+    Args:
+        grounding: The grounded actions.
+        objects: The objects that the actions operate on, in the scene's order.
+
+    Returns:
+        The codes, in the order of `grounding.actions`.
+
+    Raises:
+        DvrError: An action has an operator, an argument or an object that the network does not know.
+    """
+    object_index = {item.name: index for index, item in enumerate(objects)}
+    symbols: list[int] = []
+    normals: list[tuple[float, float]] = []
+    tuples: list[int] = []
+
     for action in grounding.actions:
-        place = OBJECT_ARGUMENT.get(action.operator)
-        if place is None:
-            raise DvrError(f"{action}: the network knows no operator '{action.operator}'; it knows: {_operators()}.")
-        name = action.arguments[place]
-        if name not in index:
-            raise DvrError(f"{action}: '{name}' is no object of the scene; objects: {listed(index)}.")
-        words = (*action.arguments[:place], *action.arguments[place + 1 :])
-        normals.append(_normal(words[-1], objects[index[name]]))
-        if action.operator == "grasp" and words[1] in FACES:
-            words = words[0], direction(words[1], objects[index[name]])
-        symbol = (action.operator, *words)
-        if symbol not in _CODE:
-            same = [" ".join(known[1:]) for known in SYMBOLS if known[0] == action.operator]
-            raise DvrError(f"{action}: the network knows no {action.operator} {words}; it knows: {listed(same)}.")
-        symbols.append(_CODE[symbol])
-        tuples.append(index[name] + (len(objects) if symbol in _PLACE_ON_GOAL else 0))
+        index, words = _split(action, object_index)
+        item = objects[index]
+        symbol = _symbol(action, words, item)
+        symbols.append(_CODES[symbol])
+        normals.append(_face_normal(words[-1], item))
+        tuples.append(index + (len(objects) if symbol in _PLACES_ON_GOAL else 0))
+
     return ActionCodes(
-        np.array(symbols, np.int32),
-        np.array(normals, np.float32).reshape(-1, 2),
-        np.array(tuples, np.int32),
-        object_pairs(len(objects)),
+        symbol=np.array(symbols, np.int32),
+        normal=np.array(normals, np.float32).reshape(-1, 2),
+        tuple_index=np.array(tuples, np.int32),
+        pairs=object_pairs(len(objects)),
     )
 
 
-def _normal(word: str, item: SceneObject) -> tuple[float, float]:
-    """Horizontal normal of a box's face; zero where the word names none."""
-    if word not in FACES or item.shape == "cylinder":
+def _split(action: Action, object_index: Mapping[str, int]) -> tuple[int, tuple[str, ...]]:
+    """Return the index of an action's object and the action's other arguments."""
+    known = {operator.name: operator for operator in OPERATORS}
+    if action.operator not in known:
+        raise DvrError(f"{action}: the network knows no operator '{action.operator}'; it knows: {listed(known)}.")
+    place = known[action.operator].parameters.index(Parameter.OBJECT)
+
+    name = action.arguments[place]
+    if name not in object_index:
+        raise DvrError(f"{action}: '{name}' is no object of the scene; objects: {listed(object_index)}.")
+
+    words = (*action.arguments[:place], *action.arguments[place + 1 :])
+    return object_index[name], words
+
+
+def _symbol(action: Action, words: tuple[str, ...], item: SceneObject) -> Symbol:
+    """Return the symbol of an action with these other arguments on this object."""
+    words = tuple(direction(word, item) if word in FACES else word for word in words)
+    symbol = (action.operator, *words)
+    if symbol not in _CODES:
+        same = [" ".join(known[1:]) for known in SYMBOLS if known[0] == action.operator]
+        raise DvrError(f"{action}: the network knows no {action.operator} {words}; it knows: {listed(same)}.")
+    return symbol
+
+
+def _face_normal(word: str, item: SceneObject) -> tuple[float, float]:
+    """Return the horizontal normal of a box's face, and zero where the word is no face or the object no box."""
+    if word not in FACES or not item.kind.has_faces:
         return 0.0, 0.0
     angle = item.yaw + FACES.index(word) * math.pi / 2
     return math.cos(angle), math.sin(angle)
 
 
 def direction(face: str, item: SceneObject) -> str:
-    """Where a face of an object looks in the scene's initial state; a cylinder's yaw cannot be seen, and is taken for
-    0."""
-    yaw = 0.0 if item.shape == "cylinder" else item.yaw
-    return DIRECTIONS[(FACES.index(face) + round(yaw / (math.pi / 2))) % 4]
+    """Return the direction in which a face of an object looks in the initial scene.
+
+    Args:
+        face: One of `FACES`.
+        item: The object. The yaw of a cylinder cannot be seen and is taken to be 0.
+
+    Returns:
+        One of `DIRECTIONS`.
+    """
+    yaw = item.yaw if item.kind.has_faces else 0.0
+    quarter_turns = round(yaw / (math.pi / 2))
+    return DIRECTIONS[(FACES.index(face) + quarter_turns) % len(DIRECTIONS)]
 
 
 def input_signature() -> str:
-    """What a network's inputs mean: a hash of the domain and of the list of symbols. A network whose signature differs
-    was trained on other actions."""
+    """Return a hash of what the network's inputs mean: of the symbolic domain and of the list of symbols.
+
+    A network with another signature was trained on other actions.
+    """
     return hashlib.sha256(repr((domain_signature(), SYMBOLS)).encode()).hexdigest()[:16]
 
 
-def _operators() -> str:
-    return listed(OBJECT_ARGUMENT)
+def unfit_reason(scene: Scene, operators: Sequence[Operator]) -> str | None:
+    """Say why the networks of this encoding cannot guide a search.
+
+    Args:
+        scene: The scene.
+        operators: Operators that the plan may consist of.
+
+    Returns:
+        The reason in words; None if they can.
+    """
+    if _placement(scene.workcell) != _placement(TRAINED_WORKCELL):
+        return "it was trained in the usual workcell of two arms that face each other, and this scene has another one"
+    unknown = [operator.name for operator in operators if operator not in OPERATORS]
+    if unknown:
+        return f"it does not know the operator {listed(unknown)}"
+    return None
+
+
+def _placement(workcell: Workcell) -> object:
+    """Everything about a workcell but the home postures."""
+    arms = tuple((arm.name, arm.position, arm.yaw) for arm in workcell.arms)
+    return workcell.robot.name, workcell.table, arms

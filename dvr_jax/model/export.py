@@ -1,4 +1,4 @@
-"""The exported network: one `.npz` file of parameters with its header."""
+"""The exported network: one `.npz` file with the parameters and the metadata."""
 
 from __future__ import annotations
 
@@ -16,14 +16,21 @@ from dvr_jax.model.metadata import NetworkMetadata, check_parameters, flatten
 from dvr_jax.model.network import NetworkParameters
 from dvr_jax.runtime.files import write_whole
 
-_HEADER = "header"
-"""Name of the header among the arrays of a file."""
+METADATA_ENTRY = "header"
+"""Name of the metadata among the arrays of a file."""
 
 
-def export_network(path: Path, weights: NetworkParameters, header: NetworkMetadata) -> None:
-    """Write parameters and header as one file, whole or not at all."""
-    arrays: dict[str, Any] = {name: np.asarray(value) for name, value in flatten(weights.tree, "/").items()}
-    arrays[_HEADER] = np.array(json.dumps(header.to_json()))
+def export_network(path: Path, parameters: NetworkParameters, metadata: NetworkMetadata) -> None:
+    """Write a network to a file, which is written whole or not at all.
+
+    Args:
+        path: The file; missing folders are made.
+        parameters: Parameters of the network.
+        metadata: Metadata of the network.
+    """
+    arrays: dict[str, Any] = {name: np.asarray(value) for name, value in flatten(parameters.tree, "/").items()}
+    arrays[METADATA_ENTRY] = np.array(json.dumps(metadata.to_json()))
+
     path.parent.mkdir(parents=True, exist_ok=True)
     content = io.BytesIO()
     np.savez(content, **arrays)
@@ -31,23 +38,39 @@ def export_network(path: Path, weights: NetworkParameters, header: NetworkMetada
 
 
 def load_parameters(path: Path) -> tuple[NetworkParameters, NetworkMetadata]:
-    """ParameterTree and header of an exported file, or of the latest checkpoint in a folder."""
-    if path.is_dir():
-        # Here and not above: orbax takes a second to import, which plans need not wait for.
-        from dvr_jax.model.checkpoint import CheckpointFolder
+    """Read a network from an exported file, or from the latest checkpoint of a training's folder.
 
-        inner = path / "checkpoints"
-        folder = CheckpointFolder(inner if inner.is_dir() else path)
-        try:
-            return folder.weights()
-        finally:
-            folder.close()
+    Args:
+        path: The file, the folder that a training writes to, or the folder of its checkpoints.
+
+    Returns:
+        Parameters and metadata of the network.
+
+    Raises:
+        DvrError: There is no network, or this code cannot use it.
+    """
+    if path.is_dir():
+        return _load_latest_checkpoint(path)
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
-        record = json.loads(str(arrays.pop(_HEADER)))
+        record = json.loads(str(arrays.pop(METADATA_ENTRY)))
     except (ValueError, KeyError, EOFError, AttributeError, TypeError, zipfile.BadZipFile):
         raise DvrError(f"{path}: this is no exported network; valid is a file that training has written.") from None
-    header = NetworkMetadata.from_json(record, str(path))
-    parameters = traverse_util.unflatten_dict(arrays, sep="/")  # type: ignore[no-untyped-call]
-    return check_parameters(parameters, header, str(path)), header
+
+    metadata = NetworkMetadata.from_json(record, str(path))
+    tree = traverse_util.unflatten_dict(arrays, sep="/")  # type: ignore[no-untyped-call]
+    return check_parameters(tree, metadata, str(path)), metadata
+
+
+def _load_latest_checkpoint(folder: Path) -> tuple[NetworkParameters, NetworkMetadata]:
+    """Return parameters and metadata of the latest checkpoint in a folder."""
+    # Imported here, because orbax takes a second to import and plans need not wait for it.
+    from dvr_jax.model.checkpoint import CheckpointFolder
+
+    inner = folder / "checkpoints"
+    checkpoints = CheckpointFolder(inner if inner.is_dir() else folder)
+    try:
+        return checkpoints.latest_network()
+    finally:
+        checkpoints.close()

@@ -1,117 +1,184 @@
 """Action-object images of one scene: what the network sees of an action's objects.
 
-The paper's I(O, S) has one channel of depth and two masks, all of the *initial* scene. Here the depth is taken against
-that of the same table with nothing on it, so that the channel is zero but for what stands there: arms and floor, which
-look alike in all scenes and are ten times as high, would drown it. And a pixel is a mean over several rays, a mask's
-the share that it covers: a pixel is 3 cm wide, and whether two boxes fit on a target is a matter of 1 cm.
+The image I(O, S) of the paper has one channel of depth and two masks, all of the initial scene. Two things differ here:
 
-The heights are the same for all actions and there are few masks, so both are stored once: a pair of indices into the
-stack of masks stands for an image. The stack is: one mask per object in the scene's order, the goal region's, and one
-of zeros, which fills the channel of an absent second object.
+- The depth is replaced by the height above the same table with nothing on it, so this channel is zero except where an
+  object stands. Arms and floor, which look alike in all scenes and are ten times as high, would drown the objects.
+- A pixel is a mean over several rays, and a mask holds the fraction of the pixel that the object covers. A pixel is
+  3 cm wide, but 1 cm decides whether two boxes fit on a target.
+
+All actions share the heights, and there are few distinct masks, so both are stored once and an image is a pair of
+indices into the masks. The masks are: one for each object in the scene's order, one for the goal region, and one of
+zeros, which stands for an absent second object.
 """
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from __future__ import annotations
 
-import jax
+from collections.abc import Sequence
+from typing import NamedTuple
+
 import jax.numpy as jnp
 import numpy as np
-from numpy.typing import NDArray
+from jax import Array
+from jaxtyping import Bool, Float, Int, Shaped, UInt8
 
 from dvr_jax.errors import DvrError
 from dvr_jax.scene.camera import DepthImage, empty_depth, render_depth
 from dvr_jax.scene.types import Scene
 
-CHANNELS = 3
-"""Heights and two masks."""
+MASKS_PER_IMAGE = 2
+"""Masks of an action-object image: those of a tuple's two members."""
+
+CHANNELS = 1 + MASKS_PER_IMAGE
+"""Channels of an action-object image: heights and masks."""
 
 UNIT_HEIGHT = 0.1
-"""Height that becomes 1, m: objects are 4 to 12 cm high."""
+"""Height [m] that becomes 1; objects are 4 to 12 cm high."""
 
 LARGEST_HEIGHT = 2.0
-"""Heights are cut off here (in units of UNIT_HEIGHT)."""
+"""Largest absolute height, in units of `UNIT_HEIGHT`; heights are clipped to it."""
 
 WHOLE_PIXEL = 255
-"""What a mask says of a pixel that it covers."""
+"""Value of a mask at a pixel that the object covers completely."""
 
 BRIGHTNESS = 16.0
-"""What a height of 1, and a mask's pixel of 1, are to the network. An object covers some 10 of 64 x 64 pixels, so this
-gives each channel about unit variance. A small network that has to learn which arm stands on the object's side leaves
-the plateau of the loss after 100 steps with 16, 150 with 4 and 250 with 1 (learning rate 3e-3, 24 pixels)."""
+"""Value that the network gets for a height of 1 and for a pixel that a mask covers completely.
+
+An object covers some 10 of 64 x 64 pixels, so this gives each channel about unit variance. A small network that has to
+learn which arm stands on the object's side leaves the plateau of the loss after 100 steps with 16, after 150 with 4 and
+after 250 with 1 (learning rate 3e-3, 24 pixels).
+"""
 
 
 class SceneImages(NamedTuple):
-    """Heights and masks of one scene."""
+    """Heights and masks of one scene with N objects."""
 
-    height: NDArray[np.float32]
-    """Height above the empty table as the camera sees it (H, W), in units of UNIT_HEIGHT."""
-    masks: NDArray[np.uint8]
-    """Shares of each pixel in units of 1 / `WHOLE_PIXEL` (N + 2, H, W): the objects in the scene's order, the goal
-    region, zeros."""
+    height: Float[np.ndarray, "pixels pixels"]
+    """Height above the empty table as the camera sees it, in units of `UNIT_HEIGHT`."""
+
+    masks: UInt8[np.ndarray, "masks pixels pixels"]
+    """Covered fraction of each pixel in units of 1 / `WHOLE_PIXEL`: N objects, goal region, zeros (N + 2 masks)."""
 
 
 class ImageStack(NamedTuple):
-    """Heights and masks of S scenes with at most N objects, as one table; scenes with fewer objects have more zeros."""
+    """Heights and masks of several scenes as one table; a scene with fewer objects has more masks of zeros."""
 
-    height: NDArray[np.float32]
-    """(S, H, W)."""
-    masks: NDArray[np.uint8]
-    """(S, N + 2, H, W)."""
+    height: Float[np.ndarray, "scenes pixels pixels"]
+    """Heights of each scene, as in `SceneImages`."""
+
+    masks: UInt8[np.ndarray, "scenes masks pixels pixels"]
+    """Masks of each scene, as in `SceneImages`."""
 
 
 def scene_images(scene: Scene, size: int, rays: int) -> SceneImages:
-    """Heights and masks of a scene as images of size x size pixels, each the mean over rays x rays rays."""
-    return depth_images(scene, render_depth(scene, rays * size, rays * size), size)
+    """Render heights and masks of a scene.
+
+    Args:
+        scene: The scene.
+        size: Height and width of the images [pixels].
+        rays: Rays to a pixel along either axis, of which a pixel is the mean.
+
+    Returns:
+        The images.
+    """
+    depth = render_depth(scene, rays * size, rays * size)
+    return depth_images(scene, depth, size)
 
 
 def depth_images(scene: Scene, image: DepthImage, size: int) -> SceneImages:
-    """The same of a depth image of the scene, rendered or a real camera's (H, H), H a multiple of the network's size.
+    """Turn a depth image, rendered or taken by a real camera, into heights and masks.
 
-    The network knows one camera, `dvr_jax.scene.pinhole.SCENE_CAMERA`: depth [m] along its optical axis, seen from its
-    place; the arms are at home. A pixel that is not finite counts as empty table. The goal's mask covers the whole
-    region, also where something stands on it.
+    The network knows one camera, `dvr_jax.scene.pinhole.SCENE_CAMERA`, and the arms at their home postures.
+
+    Args:
+        scene: The scene that the image shows.
+        image: Depth [m] along the camera's optical axis and masks, all of H x H pixels, H a multiple of `size`. A
+            pixel whose depth is not finite counts as empty table. The goal's mask covers the whole region, also where
+            something stands on it.
+        size: Height and width of the network's images [pixels].
+
+    Returns:
+        The images.
+
+    Raises:
+        DvrError: The shapes do not fit the scene or the size.
     """
-    H = len(image.depth)
-    shapes = image.depth.shape, image.object_masks.shape, image.goal_mask.shape
-    valid = (H, H), (len(scene.objects), H, H), (H, H)
+    pixels = len(image.depth)
+    _check_shapes(scene, image, size)
+
+    height = (empty_depth(scene.workcell, pixels, pixels) - image.depth) / UNIT_HEIGHT
+    height = np.nan_to_num(height, nan=0, posinf=0, neginf=0)
+    height = np.clip(height, -LARGEST_HEIGHT, LARGEST_HEIGHT)
+
+    zeros = np.zeros((1, pixels, pixels), bool)
+    masks = np.concatenate([image.object_masks, image.goal_mask[None], zeros])
+    covered = np.rint(WHOLE_PIXEL * _block_means(masks, size))
+    return SceneImages(_block_means(height, size), covered.astype(np.uint8))
+
+
+def _check_shapes(scene: Scene, image: DepthImage, size: int) -> None:
+    """Refuse a depth image whose shapes do not fit the scene or the network's size."""
+    pixels = len(image.depth)
+    shapes = (image.depth.shape, image.object_masks.shape, image.goal_mask.shape)
+    valid = (
+        (pixels, pixels),
+        (len(scene.objects), pixels, pixels),
+        (pixels, pixels),
+    )
     if shapes != valid:
         raise DvrError(f"depth, objects' masks and goal's mask have the shapes {shapes}; valid are {valid}.")
-    if H == 0 or H % size:
-        raise DvrError(f"the images have {H} x {H} pixels; valid is a multiple of the network's {size}.")
-    height = np.nan_to_num((empty_depth(scene.home, H, H) - image.depth) / UNIT_HEIGHT, nan=0, posinf=0, neginf=0)
-    masks = np.concatenate([image.object_masks, image.goal_mask[None], np.zeros((1, H, H), bool)])
-    return SceneImages(
-        _mean(np.clip(height, -LARGEST_HEIGHT, LARGEST_HEIGHT), size),
-        np.rint(WHOLE_PIXEL * _mean(masks, size)).astype(np.uint8),
-    )
+    if pixels == 0 or pixels % size:
+        raise DvrError(f"the images have {pixels} x {pixels} pixels; valid is a multiple of the network's {size}.")
 
 
-def _mean(images: NDArray[Any], size: int) -> NDArray[np.float32]:
-    """Images (..., H, H) as (..., size, size), each pixel a mean."""
-    share = images.shape[-1] // size
-    rows = np.asarray(np.sum([images[..., i::share, :] for i in range(share)], axis=0, dtype=np.float32))
-    return np.asarray(np.sum([rows[..., i::share] for i in range(share)], axis=0) / np.float32(share**2))
+def _block_means(images: Shaped[np.ndarray, "*images fine fine"], size: int) -> Float[np.ndarray, "*images size size"]:
+    """Reduce images to `size` x `size` pixels, each the mean of a square block."""
+    block = images.shape[-1] // size
+    # A sum of slices is faster than a mean over axes of a few elements.
+    row_sums = np.asarray(np.sum([images[..., i::block, :] for i in range(block)], axis=0, dtype=np.float32))
+    sums = np.sum([row_sums[..., i::block] for i in range(block)], axis=0)
+    return np.asarray(sums / np.float32(block**2))
 
 
 def stack_images(images: Sequence[SceneImages], most_objects: int) -> ImageStack:
-    """One table of scenes with 1 to `most_objects` objects each."""
+    """Put the images of several scenes into one table.
+
+    Args:
+        images: The images of each scene, all of the same size.
+        most_objects: Largest number of objects that a scene may have.
+
+    Returns:
+        The table, with `most_objects` + 2 masks a scene.
+    """
     size = images[0].height.shape[0]
+    height = np.stack([item.height for item in images])
     masks = np.zeros((len(images), most_objects + 2, size, size), np.uint8)
-    for row, item in zip(masks, images, strict=True):
-        row[: len(item.masks)] = item.masks
-    return ImageStack(np.stack([item.height for item in images]), masks)
+    for scene_masks, item in zip(masks, images, strict=True):
+        scene_masks[: len(item.masks)] = item.masks
+    return ImageStack(height, masks)
 
 
-def show_scenes(
-    height: jax.Array, masks: jax.Array, scene: jax.Array, mirrored: jax.Array
-) -> tuple[jax.Array, jax.Array]:
-    """Channels of shown scenes, heights (V, H, W) and masks (V, M, H, W), as an action-object image has them: view v
-    shows scene `scene[v]` (V,) of heights (S, H, W) and masks (S, M, H, W), its x and its y reversed where `mirrored`
-    (V, 2). Runs on the device."""
+def view_channels(
+    height: Float[Array, "scenes pixels pixels"],
+    masks: UInt8[Array, "scenes masks pixels pixels"],
+    scene: Int[Array, " views"],
+    mirrored: Bool[Array, "views 2"],
+) -> tuple[Float[Array, "views pixels pixels"], Float[Array, "views masks pixels pixels"]]:
+    """Return the channels of views of scenes, as an action-object image has them, on the device.
 
-    def show(images: jax.Array) -> jax.Array:
+    Args:
+        height: Heights of each scene.
+        masks: Masks of each scene.
+        scene: The scene that each view shows.
+        mirrored: Whether the view reverses the scene's x and its y.
+
+    Returns:
+        Heights and masks of each view, scaled by `BRIGHTNESS`.
+    """
+
+    def mirror(images: Shaped[Array, "views ..."]) -> Float[Array, "views ..."]:
         in_x, in_y = jnp.expand_dims(mirrored.T, tuple(range(2, images.ndim + 1)))
         images = jnp.where(in_x, images[..., ::-1], images)
         return BRIGHTNESS * jnp.where(in_y, images[..., ::-1, :], images).astype(jnp.float32)
 
-    return show(height[scene]), show(masks[scene]) / WHOLE_PIXEL
+    return mirror(height[scene]), mirror(masks[scene]) / WHOLE_PIXEL

@@ -1,6 +1,7 @@
-"""The header of a network: kind, sizes, signature of the domain, options of the training.
+"""What a file of a network says about the network: kind, sizes, signature of the inputs, options of the training.
 
-Exports and checkpoints carry it; what does not fit is refused with the culprit's name."""
+Exported networks and checkpoints carry these metadata, and what does not fit them is refused with the culprit's name.
+"""
 
 from __future__ import annotations
 
@@ -9,63 +10,78 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, Literal, get_args
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from flax import traverse_util
 
 from dvr_jax.errors import DvrError
 from dvr_jax.model.encoding import input_signature
-from dvr_jax.model.network import NetworkConfig, NetworkParameters, parameter_shapes
+from dvr_jax.model.network import NetworkParameters, ParameterTree, parameter_shapes
+from dvr_jax.model.network_config import NetworkConfig
 
 FORMAT = 2
+"""Version of the files' format."""
 
 Kind = Literal["dvr", "classifier"]
-"""What the network predicts: whether a step is promising, or whether the sequence so far is feasible."""
+"""What a network predicts: whether an action is promising for the goal, or whether the sequence so far is feasible."""
 
 
 @dataclass(frozen=True)
 class NetworkMetadata:
-    """What a checkpoint is."""
+    """Description of a network in a file."""
 
     kind: Kind
+    """What the network predicts."""
+
     config: NetworkConfig
+    """Sizes of the network."""
+
     domain: str = field(default_factory=input_signature)
-    """`encoding.input_signature()` of the code that trained it."""
+    """`dvr_jax.model.encoding.input_signature()` of the code that trained the network."""
+
     training: dict[str, Any] = field(default_factory=dict)
     """Options on which the course of the training depends, by name."""
 
     def to_json(self) -> dict[str, Any]:
-        """As a JSON object."""
+        """Return the metadata as a JSON object."""
         return {"format": FORMAT, **asdict(self)}
 
     @staticmethod
     def from_json(record: Any, source: str) -> NetworkMetadata:
-        """The header of a file that this code can use; a DvrError names `source` and what does not fit."""
-        try:
-            if record["format"] != FORMAT:
-                raise DvrError(f"the format is {record['format']!r}; valid is {FORMAT}.")
-            sizes = dict(record["config"])
-            header = NetworkMetadata(
-                record["kind"],
-                NetworkConfig(**{**sizes, "channels": tuple(sizes["channels"])}),
-                record["domain"],
-                dict(record["training"]),
-            )
-        except DvrError as error:
-            raise DvrError(f"{source}: {error}") from None
-        except (KeyError, TypeError, ValueError) as error:
-            raise DvrError(f"{source}: the header is incomplete or of another program ({error}).") from None
-        if header.kind not in get_args(Kind):
-            raise DvrError(f"{source}: the kind is {header.kind!r}; valid: {', '.join(get_args(Kind))}.")
-        if header.domain != input_signature():
+        """Read metadata that this code can use.
+
+        Args:
+            record: A JSON object, as `to_json` gives it.
+            source: Name of the file, for messages.
+
+        Returns:
+            The metadata.
+
+        Raises:
+            DvrError: The record is incomplete, or describes a network that this code cannot use.
+        """
+        metadata = _parse(record, source)
+        if metadata.kind not in get_args(Kind):
+            raise DvrError(f"{source}: the kind is {metadata.kind!r}; valid: {', '.join(get_args(Kind))}.")
+        if metadata.domain != input_signature():
             raise DvrError(
-                f"{source}: it was trained for another symbolic domain (signature {header.domain}); valid is "
+                f"{source}: it was trained for another symbolic domain (signature {metadata.domain}); valid is "
                 f"{input_signature()}: train again, or use the domain.pddl that it was trained with."
             )
-        return header
+        return metadata
 
     def require_same(self, other: NetworkMetadata, source: str) -> None:
-        """Refuse to continue from a checkpoint with another header, naming the first difference."""
-        mine, theirs = _flat(self), _flat(other)
+        """Refuse to continue a training from a checkpoint with other metadata.
+
+        Args:
+            other: Metadata of the checkpoint.
+            source: Name of the checkpoint, for messages.
+
+        Raises:
+            DvrError: The metadata differ; the message names the first difference.
+        """
+        mine = self._flat()
+        theirs = other._flat()
         for name in sorted(mine.keys() | theirs.keys()):
             if mine.get(name) != theirs.get(name):
                 raise DvrError(
@@ -73,24 +89,65 @@ class NetworkMetadata:
                     "use the same value to continue it, or another --out."
                 )
 
+    def _flat(self) -> dict[str, Any]:
+        """Return the metadata by dotted names, with values as JSON gives them back."""
+        return flatten(json.loads(json.dumps(self.to_json())), ".")
 
-def check_parameters(parameters: Any, header: NetworkMetadata, source: str) -> NetworkParameters:
-    """ParameterTree as weights, if they are finite, with the names and shapes of the header's network."""
-    wanted, found = flatten(parameter_shapes(header.config), "/"), flatten(parameters, "/")
+
+def _parse(record: Any, source: str) -> NetworkMetadata:
+    """Return the metadata of a JSON object, whatever network it describes."""
+    try:
+        if record["format"] != FORMAT:
+            raise DvrError(f"the format is {record['format']!r}; valid is {FORMAT}.")
+        sizes = dict(record["config"])
+        sizes["channels"] = tuple(sizes["channels"])
+        return NetworkMetadata(
+            kind=record["kind"],
+            config=NetworkConfig(**sizes),
+            domain=record["domain"],
+            training=dict(record["training"]),
+        )
+    except DvrError as error:
+        raise DvrError(f"{source}: {error}") from None
+    except (KeyError, TypeError, ValueError) as error:
+        raise DvrError(f"{source}: the metadata are incomplete or of another program ({error}).") from None
+
+
+def check_parameters(tree: ParameterTree, metadata: NetworkMetadata, source: str) -> NetworkParameters:
+    """Check that arrays are the parameters of the network that the metadata describe.
+
+    Args:
+        tree: Arrays by layer and name.
+        metadata: Metadata of the network.
+        source: Name of the file, for messages.
+
+    Returns:
+        The parameters, as float32 arrays on the device.
+
+    Raises:
+        DvrError: An array is missing, superfluous, of another shape, or not finite.
+    """
+    wanted = flatten(parameter_shapes(metadata.config), "/")
+    found = flatten(tree, "/")
     for name in sorted(wanted.keys() | found.keys()):
-        shapes = [tuple(tree[name].shape) if name in tree else None for tree in (found, wanted)]
-        if shapes[0] != shapes[1]:
-            raise DvrError(f"{source}: the array {name} has shape {shapes[0]}; its sizes ask for {shapes[1]}.")
+        shape = tuple(found[name].shape) if name in found else None
+        valid = tuple(wanted[name].shape) if name in wanted else None
+        if shape != valid:
+            raise DvrError(f"{source}: the array {name} has shape {shape}; its sizes ask for {valid}.")
         if found[name].dtype.kind != "f" or not np.isfinite(found[name]).all():
             raise DvrError(f"{source}: the array {name} has values that are not finite numbers; train again.")
-    return NetworkParameters(jax.tree.map(lambda value: jax.numpy.asarray(value, "float32"), parameters), header.config)
+
+    return NetworkParameters(jax.tree.map(lambda value: jnp.asarray(value, "float32"), tree), metadata.config)
 
 
-def _flat(header: NetworkMetadata) -> dict[str, Any]:
-    """NetworkMetadata by dotted names, as JSON gives it back."""
-    return flatten(json.loads(json.dumps(header.to_json())), ".")
+def flatten(tree: ParameterTree, separator: str) -> dict[str, Any]:
+    """Turn nested dictionaries into one.
 
+    Args:
+        tree: Nested dictionaries with strings as keys.
+        separator: What joins the keys of a leaf to its name.
 
-def flatten(tree: Any, separator: str) -> dict[str, Any]:
-    """Nested dictionaries as one, names joined."""
+    Returns:
+        The leaves by name.
+    """
     return dict(traverse_util.flatten_dict(tree, sep=separator))  # type: ignore[no-untyped-call]

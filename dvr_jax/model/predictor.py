@@ -1,14 +1,14 @@
-"""The network as the tree searches use it: a scene is encoded once, then each query costs one step of the GRU.
+"""The network as a search uses it: a scene is encoded once, then each query costs one step of the GRU.
 
-predictor = Predictor.load(Path("out/train/network.npz"))
-code = predictor.encode_scene(scene)
-hidden = code.initial_hidden(len(children))
-probabilities, hidden = predictor.predict(code, hidden, children)     # children: indices of actions
+    predictor = Predictor.load(Path("out/train/network.npz"))
+    encoding = predictor.encode_scene(scene)
+    hidden = encoding.initial_hidden()
+    probabilities, hidden = predictor.predict(encoding, hidden, actions)     # indices of actions
 
-With a depth image of your own camera instead of a rendered one, for a plan too:
+With the depth image of a real camera instead of a rendered one, also for a plan:
 
-images = depth_images(scene, DepthImage(depth, object_masks, goal_mask), size=64)
-plan(scene, network=dataclasses.replace(predictor, images=images))
+    images = depth_images(scene, DepthImage(depth, object_masks, goal_mask), size=64)
+    plan(scene, network=dataclasses.replace(predictor, images=images))
 """
 
 from __future__ import annotations
@@ -18,163 +18,193 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import Float, Int
 
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import Grounding
-from dvr_jax.model.encoding import encode_actions, goal_tuple
+from dvr_jax.model.encoding import unfit_reason
+from dvr_jax.operators import Operator, ground_scene
 from dvr_jax.model.export import load_parameters
-from dvr_jax.model.images import SceneImages, scene_images, stack_images
+from dvr_jax.model.images import SceneImages, scene_images
 from dvr_jax.model.metadata import Kind, NetworkMetadata
-from dvr_jax.model.network import (
-    NetworkConfig,
-    NetworkParameters,
-    encode_images,
-    encode_symbols,
-    input_gates,
-    step_from_gates,
-)
-from dvr_jax.runtime.compilation import Program
+from dvr_jax.model.network import NetworkParameters
+from dvr_jax.model.network_config import NetworkConfig
+from dvr_jax.model.scene_encoding import BATCH_SIZES, SceneEncoding, encode_scene, pad_rows, predict_rows
 from dvr_jax.scene.types import Scene
-from dvr_jax.workcell.constants import MAXIMUM_OBJECTS
-
-BATCH_SIZES = (16, 64, 256)
-"""ConstraintValues for which `predict` is compiled; fewer are padded, more go in several calls. The children of a node are at most 16
-with two objects and 64 with eight, and padding costs less than another compilation."""
-
-OBJECT_NUMBERS = (1, 2, 4, 8)
-"""Numbers of objects for which `encode_scene` is compiled."""
-
-_MOST_ACTIONS = 12 * MAXIMUM_OBJECTS
-
-_Rows = jax.Array | NDArray[Any]
-"""What a program takes: NumPy's arrays as they are, which costs less than to put them on the device before."""
 
 SHIPPED = Path(__file__).parents[1] / "networks"
-"""Trained networks, one a kind: KIND.npz. """
-
-
-@dataclass(frozen=True, slots=True)
-class SceneEncoding:
-    """A scene as the network sees it."""
-
-    scene: Scene
-    grounding: Grounding
-    """Its actions; a network's action index is an index into `grounding.actions`."""
-    gates: jax.Array
-    """What each action adds to the GRU's gates (96, 3 H), on the device; padded to a length that no scene exceeds."""
-    hidden_size: int
-
-    def initial_hidden(self, number: int = 1) -> NDArray[np.float32]:
-        """The state before the first action, for `number` rows (number, H)."""
-        return np.zeros((number, self.hidden_size), np.float32)
+"""Folder of the shipped networks, `KIND.npz` for each kind."""
 
 
 @dataclass(frozen=True)
 class Predictor:
-    """A trained network of any kind, for scenes of 1 to 8 objects."""
+    """A trained network of any kind, for scenes of 1 to 8 objects.
 
-    weights: NetworkParameters
-    kind: Kind
+    It is a `dvr_jax.search.predictor.SequencePredictor`.
+    """
+
+    parameters: NetworkParameters
+    """Parameters of the network."""
+
+    metadata: NetworkMetadata
+    """Kind, inputs and training of the network."""
+
     images: SceneImages | None = None
-    """What a camera of your own sees (`dvr_jax.model.images.depth_images`); by default scenes are rendered."""
+    """Images of a real camera (`dvr_jax.model.images.depth_images`); None renders every scene."""
 
     @staticmethod
     def load(path: Path) -> Predictor:
-        """From an exported file, or from the latest checkpoint of a training's folder."""
-        weights, header = load_parameters(path)
-        return Predictor.of(weights, header)
+        """Read a network from an exported file, or from the latest checkpoint of a training's folder."""
+        parameters, metadata = load_parameters(path)
+        return Predictor(parameters, metadata)
 
     @staticmethod
-    def of(weights: NetworkParameters, header: NetworkMetadata) -> Predictor:
-        """From weights in memory."""
-        return Predictor(weights, header.kind)
+    def shipped(kind: str) -> Predictor:
+        """Return the shipped network of a kind, "dvr" or "classifier"; its file is read once."""
+        return _shipped(kind)
+
+    @property
+    def kind(self) -> Kind:
+        """What the network predicts, which is also the name of the search that it guides."""
+        return self.metadata.kind
 
     @property
     def checksum(self) -> str:
-        """Of its weights, by which networks are told apart."""
-        leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(self.weights.tree)]
+        """Checksum of the parameters, which distinguishes networks."""
+        leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(self.parameters)]
         return hashlib.sha256(b"".join(leaf.tobytes() for leaf in leaves)).hexdigest()[:16]
 
     @property
     def size(self) -> NetworkConfig:
-        """Equal for networks that run the same compiled programs."""
-        return self.weights.config
+        """Sizes of the network; networks of equal size run the same compiled programs."""
+        return self.parameters.config
 
-    def render(self, scene: Scene) -> SceneImages:
-        """Heights and masks of a scene in the network's size, rendered unless there are images of another camera."""
-        config = self.weights.config
-        return scene_images(scene, config.image_size, config.rays) if self.images is None else self.images
-
-    def encode_scene(self, scene: Scene, grounding: Grounding | None = None, images: SceneImages | None = None) -> SceneEncoding:
-        """Encode a scene, once for a whole search.
+    def unfit_reason(self, scene: Scene, operators: Sequence[Operator]) -> str | None:
+        """Say why the network cannot guide a search; None if it can.
 
         Args:
-            scene: with 1 to 8 objects.
-            grounding: that of its objects and goal, if known.
-            images: what `render` gave, if it was asked before.
+            scene: The scene.
+            operators: Operators that the plan may consist of.
+
+        Returns:
+            The reason in words.
         """
-        names = [item.name for item in scene.objects]
+        return unfit_reason(scene, operators)
+
+    def render(self, scene: Scene) -> SceneImages:
+        """Return the images of a scene in the network's size, or the real camera's if there are any."""
+        if self.images is not None:
+            return self.images
+        return scene_images(scene, self.size.image_size, self.size.rays)
+
+    def encode_scene(
+        self,
+        scene: Scene,
+        grounding: Grounding | None = None,
+        images: SceneImages | None = None,
+    ) -> SceneEncoding:
+        """Encode a scene once for a whole search.
+
+        Args:
+            scene: A scene with 1 to 8 objects.
+            grounding: Its grounded actions; None computes them.
+            images: What `render` returned for the scene; None renders it.
+
+        Returns:
+            The encoding, which `predict` reads.
+
+        Raises:
+            DvrError: The images do not fit the network and the scene, or the network does not know an action.
+        """
         if grounding is None:
             grounding = ground_scene(scene)
-        actions = encode_actions(grounding, scene.objects)
-        number = next(size for size in OBJECT_NUMBERS if size >= len(names))
-        stack = stack_images([self._checked(self.render(scene) if images is None else images, scene)], number)
-        pairs = np.full((2 * number, 2), len(names) + 1, np.int32)  # padding: two masks of zeros
-        pairs[: len(actions.pairs)] = actions.pairs
-        gates = _encode_scene(
-            self.weights,
-            stack.height,
-            stack.masks,
-            pairs,
-            np.asarray(goal_tuple(scene), np.int32),
-            *(_padded(rows, 12 * number) for rows in (actions.symbol, actions.normal, actions.tuple_index)),
-        )
-        return SceneEncoding(scene, grounding, gates, self.weights.config.hidden)
-
-    def _checked(self, images: SceneImages, scene: Scene) -> SceneImages:
-        size = self.weights.config.image_size
-        if images.height.shape != (size, size) or images.masks.shape != (len(scene.objects) + 2, size, size):
-            raise DvrError(
-                f"the images have shapes {images.height.shape} and {images.masks.shape}; valid for this network and "
-                f"scene are {(size, size)} and {(len(scene.objects) + 2, size, size)}."
-            )
-        return images
+        if images is None:
+            images = self.render(scene)
+        self._check_images(images, scene)
+        return encode_scene(self.parameters, scene, grounding, images)
 
     def predict(
-        self, code: SceneEncoding, hidden: NDArray[np.float32], actions: Sequence[int] | NDArray[np.integer]
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Probabilities (B,) of the next actions `actions` (B,) after prefixes whose states are `hidden` (B, H), and
-        the states (B, H) after those actions; one state (1, H) where all follow the same prefix."""
+        self,
+        encoding: SceneEncoding,
+        hidden: Float[np.ndarray, "#actions hidden"],
+        actions: Sequence[int] | Int[np.ndarray, " actions"],
+    ) -> tuple[Float[np.ndarray, " actions"], Float[np.ndarray, "actions hidden"]]:
+        """Predict how promising each of several next actions is.
+
+        Args:
+            encoding: The encoding of the scene.
+            hidden: The hidden state before each action (B, H), or one state before all of them (1, H).
+            actions: The next actions, as indices into the actions of the scene's grounding (B,).
+
+        Returns:
+            The probability of each action (B,) and the hidden state after it (B, H).
+
+        Raises:
+            DvrError: The states have another shape, or there is no such action.
+        """
         chosen = np.asarray(actions, np.int32).reshape(-1)
         hidden = np.asarray(hidden, np.float32)
-        shared = hidden.shape == (1, code.hidden_size)
-        if not shared and hidden.shape != (len(chosen), code.hidden_size):
-            raise DvrError(f"the states have shape {hidden.shape}; valid is {(len(chosen), code.hidden_size)}.")
-        wrong = chosen[(chosen < 0) | (chosen >= len(code.grounding.actions))]
-        if len(wrong):
-            raise DvrError(f"there is no action {wrong[0]}; valid are 0 to {len(code.grounding.actions) - 1}.")
+        self._check_query(encoding, hidden, chosen)
+
+        one_state = hidden.shape == (1, encoding.hidden_size)
         probabilities = np.empty(len(chosen), np.float32)
-        after = np.empty((len(chosen), code.hidden_size), np.float32)
+        after = np.empty((len(chosen), encoding.hidden_size), np.float32)
         for first in range(0, len(chosen), BATCH_SIZES[-1]):
             rows = slice(first, min(first + BATCH_SIZES[-1], len(chosen)))
             count = rows.stop - first
             size = next(size for size in BATCH_SIZES if size >= count)
-            before = hidden if shared else _padded(hidden[rows], size)
-            result = _step(self.weights, code.gates, before, _padded(chosen[rows], size))
-            probabilities[rows], after[rows] = (np.asarray(item)[:count] for item in result)
+            before = hidden if one_state else pad_rows(hidden[rows], size)
+            result = predict_rows(self.parameters, encoding.input_gates, before, pad_rows(chosen[rows], size))
+            probabilities[rows] = np.asarray(result[0])[:count]
+            after[rows] = np.asarray(result[1])[:count]
         return probabilities, after
+
+    def _check_images(self, images: SceneImages, scene: Scene) -> None:
+        """Refuse images whose shapes do not fit the network and the scene."""
+        size = self.size.image_size
+        height_shape = (size, size)
+        masks_shape = (len(scene.objects) + 2, size, size)
+        if images.height.shape != height_shape or images.masks.shape != masks_shape:
+            raise DvrError(
+                f"the images have shapes {images.height.shape} and {images.masks.shape}; valid for this network and "
+                f"scene are {height_shape} and {masks_shape}."
+            )
+
+    def _check_query(
+        self,
+        encoding: SceneEncoding,
+        hidden: Float[np.ndarray, "states hidden"],
+        actions: Int[np.ndarray, " actions"],
+    ) -> None:
+        """Refuse states of a wrong shape and actions that the scene does not have."""
+        valid = (len(actions), encoding.hidden_size)
+        if hidden.shape not in (valid, (1, encoding.hidden_size)):
+            raise DvrError(f"the states have shape {hidden.shape}; valid is {valid}.")
+
+        number_of_actions = len(encoding.grounding.actions)
+        wrong = actions[(actions < 0) | (actions >= number_of_actions)]
+        if len(wrong):
+            raise DvrError(f"there is no action {wrong[0]}; valid are 0 to {number_of_actions - 1}.")
 
 
 def load_network(kind: str, path: Path | None = None) -> Predictor:
-    """A trained network of a kind, "dvr" or "classifier"; without a path, the shipped one, which is read once."""
+    """Return a trained network of a kind.
+
+    Args:
+        kind: Kind of the network, "dvr" or "classifier".
+        path: File or folder of the network; None takes the shipped one, which is read once.
+
+    Returns:
+        The network.
+
+    Raises:
+        DvrError: There is no such network, or it is of another kind.
+    """
     if path is None:
-        return _shipped_network(kind)
+        return Predictor.shipped(kind)
     predictor = Predictor.load(path)
     if predictor.kind != kind:
         raise DvrError(f"{path} holds a network of the kind '{predictor.kind}'; valid is '{kind}'.")
@@ -182,43 +212,9 @@ def load_network(kind: str, path: Path | None = None) -> Predictor:
 
 
 @cache
-def _shipped_network(kind: str) -> Predictor:
+def _shipped(kind: str) -> Predictor:
+    """Read the shipped network of a kind; the cache lets plans find its compiled programs after the first."""
     path = SHIPPED / f"{kind}.npz"
     if not path.exists():
         raise DvrError(f"no network of the kind '{kind}' is shipped with this installation; name a file of one.")
     return load_network(kind, path)
-
-
-def _padded(rows: NDArray[Any], size: int) -> NDArray[Any]:
-    """The array with rows of zeros behind it."""
-    result = np.zeros((size, *rows.shape[1:]), rows.dtype)
-    result[: len(rows)] = rows
-    return result
-
-
-@Program
-def _encode_scene(
-    weights: NetworkParameters,
-    height: _Rows,
-    masks: _Rows,
-    pairs: _Rows,
-    goal: _Rows,
-    symbols: _Rows,
-    normals: _Rows,
-    tuples: _Rows,
-) -> jax.Array:
-    """Gates of one scene's actions (96, 3 H), from heights (1, H, W), masks (1, M, H, W), pairs (P, 2), goal's tuple
-    (), symbol and tuple of each action (A,), normal of its face (A, 2)."""
-    height, masks, pairs, symbols, normals = map(jnp.asarray, (height, masks, pairs, symbols, normals))
-    only, as_it_is = jnp.zeros(1, jnp.int32), jnp.zeros((1, 2), bool)
-    images = encode_images(weights, height, masks, only, as_it_is, jnp.zeros(len(pairs), jnp.int32), pairs)
-    words = encode_symbols(weights, symbols, normals)
-    gates = input_gates(weights, words, images, jnp.asarray(tuples), images[jnp.asarray(goal)])
-    return jnp.pad(gates, ((0, _MOST_ACTIONS - len(gates)), (0, 0)))
-
-
-@Program
-def _step(weights: NetworkParameters, gates: jax.Array, hidden: _Rows, actions: _Rows) -> tuple[jax.Array, jax.Array]:
-    """Probabilities (B,) and states (B, H) after actions (B,)."""
-    logit, after = step_from_gates(weights, jnp.asarray(hidden), gates[jnp.asarray(actions)])
-    return jax.nn.sigmoid(logit), after

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from jax import Array
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
+from dvr_jax.geometry.arrays import Array
 from dvr_jax.modes.mode import Attachment
 
 

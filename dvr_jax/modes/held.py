@@ -16,10 +16,10 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation as HostRotation
 
+from dvr_jax.geometry.arrays import Array
 from dvr_jax.geometry.vectors import Rotation, Vector, compose, cross, materialize, rotate, transpose, vector
 from dvr_jax.modes.mode import PARAMETERS, Attachment, HandPoses
 

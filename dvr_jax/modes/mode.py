@@ -5,13 +5,10 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import NamedTuple
 
-import jax
-import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from dvr_jax.geometry.arrays import Array
 from dvr_jax.geometry.vectors import Rotation, Vector
-
-Array = jax.Array | np.ndarray
 
 PARAMETERS = 4
 """Mode parameters of an action. What they mean depends on the mode that the action starts; see `held` and `placed`."""

@@ -14,9 +14,9 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
 from jaxtyping import Bool, Float, Int
 
+from dvr_jax.geometry.arrays import Array
 from dvr_jax.geometry.distances import (
     Prism,
     axis_point_wrench,

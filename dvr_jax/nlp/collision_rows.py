@@ -71,7 +71,9 @@ def object_pairs(number_of_objects: int, number_of_fixed: int) -> tuple[Int[np.n
 @lru_cache(maxsize=64)
 def capsule_motion(structure: WorkcellStructure) -> Float[np.ndarray, "joints arm_capsules"]:
     """1 where a joint (of D) moves a capsule (of A C), else 0."""
-    moves = np.zeros((structure.number_of_arms, structure.joints, structure.number_of_arms, structure.number_of_capsules))
+    moves = np.zeros(
+        (structure.number_of_arms, structure.joints, structure.number_of_arms, structure.number_of_capsules)
+    )
     for arm in range(structure.number_of_arms):
         for capsule, link in enumerate(structure.capsule_links):
             moves[arm, :link, arm, capsule] = 1
@@ -156,7 +158,5 @@ def row_bodies(structure: WorkcellStructure, number_of_objects: int, number_of_f
         first_capsule=np.concatenate([first, none(on_table), np.tile(np.arange(capsules), bodies), none(others)]),
         second_capsule=np.concatenate([second, none(on_table + pairs + others)]),
         capsule_body_pair=np.concatenate([none(len(first) + on_table), np.arange(pairs), none(others)]),
-        other_row=np.concatenate(
-            [none(len(first)), np.arange(on_table), none(pairs), on_table + np.arange(others)]
-        ),
+        other_row=np.concatenate([none(len(first)), np.arange(on_table), none(pairs), on_table + np.arange(others)]),
     )

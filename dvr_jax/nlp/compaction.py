@@ -10,9 +10,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jax import Array
 from jaxtyping import Bool, Float, Int
 
+from dvr_jax.geometry.arrays import Array
 from dvr_jax.geometry.vectors import materialize
 
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
 from jaxtyping import Float
 
+from dvr_jax.geometry.arrays import Array
 from dvr_jax.nlp.problem import Problem, Variables
 from dvr_jax.nlp.system import SystemParts
 

@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from dvr_jax.geometry.arrays import Array
 from dvr_jax.modes.mode import PARAMETERS, HandPoses
 from dvr_jax.nlp.blocks import (
     COLLISION,
@@ -34,8 +35,6 @@ from dvr_jax.nlp.problem import Problem, Variables
 from dvr_jax.nlp.slices import NormalEquations, SliceGeometry
 from dvr_jax.nlp.system import BorderedSystem, SystemParts, assemble
 from dvr_jax.workcell.model import WorkcellModel
-
-Array = jax.Array | np.ndarray
 
 Violations = dict[str, Array]
 """Largest violation of each measure of each block, zero or positive, by the measure's name."""
@@ -84,9 +83,7 @@ def horizon_of(model: WorkcellModel, problems: Problem, x: Variables) -> Horizon
     )
 
 
-def evaluate_constraints(
-    model: WorkcellModel, problems: Problem, x: Variables, geometry: SliceGeometry
-) -> Evaluations:
+def evaluate_constraints(model: WorkcellModel, problems: Problem, x: Variables, geometry: SliceGeometry) -> Evaluations:
     """Evaluate all blocks of a batch of B problems.
 
     Args:

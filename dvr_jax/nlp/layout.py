@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
-from jax import Array
 from jaxtyping import Float, Int
 
+from dvr_jax.geometry.arrays import Array
 from dvr_jax.geometry.vectors import rotation_about_z
 from dvr_jax.modes.mode import Attachment
 from dvr_jax.nlp.collision_distances import Bodies

@@ -12,11 +12,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import jax
-import numpy as np
 from jaxtyping import Float, Int
 
-Array = jax.Array | np.ndarray
+from dvr_jax.geometry.arrays import Array
 
 
 class Variables(NamedTuple):

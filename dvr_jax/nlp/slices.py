@@ -16,9 +16,9 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax import Array
 from jaxtyping import Float, Int
 
+from dvr_jax.geometry.arrays import Array
 from dvr_jax.geometry.vectors import materialize
 from dvr_jax.modes.mode import PARAMETERS, Attachment, HandPoses
 from dvr_jax.modes.poses import object_poses
@@ -189,8 +189,7 @@ def reduce_slices(
         rows = chunk.rows.T
         slices = jnp.minimum(chunk.slices, L - 1)
         estimate, penalty = (
-            jnp.where(chunk.valid.T, value[slices[:, None], rows], 0)
-            for value in (multiplier_estimate, active_penalty)
+            jnp.where(chunk.valid.T, value[slices[:, None], rows], 0) for value in (multiplier_estimate, active_penalty)
         )
         J = materialize(distance_jacobian(model, materialize(_take(geometry, slices)), rows))
         weighted, gradient = materialize((J * penalty[:, None], -(J * estimate[:, None]).sum(2)))

@@ -16,9 +16,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jax import Array
 from jaxtyping import Float
 
+from dvr_jax.geometry.arrays import Array
 from dvr_jax.nlp.problem import Problem
 
 

@@ -89,9 +89,7 @@ def walk(
     Returns:
         The K + 1 states before, between and after the K actions, and the K switches.
     """
-    modes = tuple(
-        ObjectMode(ModeKind.ABSENT if item.name in ignored else ModeKind.FIXED) for item in scene.objects
-    )
+    modes = tuple(ObjectMode(ModeKind.ABSENT if item.name in ignored else ModeKind.FIXED) for item in scene.objects)
     opening = (scene.workcell.robot.finger_travel,) * scene.workcell.number_of_arms
     states = [SkeletonState(scene, modes, opening)]
     switches: list[ModeSwitch] = []

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import jax.numpy as jnp
-from jax import Array
 from jaxtyping import Float
 
+from dvr_jax.geometry.arrays import Array
 from dvr_jax.geometry.vectors import compose, materialize, rotation_about_z, vector
 from dvr_jax.logic import Action, shipped_action
 from dvr_jax.modes.held import GraspFrame, grasp_frame
@@ -73,10 +73,7 @@ def _refute(scene: Scene, action: Action) -> str | None:
     width = item.kind.grip_width(item.size, face)
     opening = scene.workcell.robot.maximum_opening
     if width > opening:
-        return (
-            f"{item.name} is {100 * width:.1f} cm wide at its {face} face, "
-            f"the gripper opens {100 * opening:.0f} cm"
-        )
+        return f"{item.name} is {100 * width:.1f} cm wide at its {face} face, the gripper opens {100 * opening:.0f} cm"
 
     if min(_room(item, face)) < 0:
         margin = f"{100 * GRASP_MARGIN:.0f} cm"

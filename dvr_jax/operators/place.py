@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import jax.numpy as jnp
-from jax import Array
 from jaxtyping import Float
 
+from dvr_jax.geometry.arrays import Array
 from dvr_jax.geometry.footprint import Rectangle, fits
 from dvr_jax.geometry.vectors import materialize, rotation_about_z, vector
 from dvr_jax.logic import Action, shipped_action

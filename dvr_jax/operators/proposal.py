@@ -11,15 +11,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Float, Int
 
+from dvr_jax.geometry.arrays import Array
 from dvr_jax.geometry.vectors import Rotation, Vector, compose, materialize, rotate
 from dvr_jax.modes.held import GraspFrame, grasp_frame
-
-Array = jax.Array | np.ndarray
 
 UNIFORM_NUMBERS = 10
 """Uniform numbers that a proposal takes."""
@@ -176,7 +173,5 @@ def world_gripper(
     Returns:
         Axes (3, 3, *shape) and center (3, *shape) [m] of the gripper.
     """
-    hand_R, hand_p = materialize(
-        (compose(rotation, frame.rotation), position + rotate(rotation, frame.position))
-    )
+    hand_R, hand_p = materialize((compose(rotation, frame.rotation), position + rotate(rotation, frame.position)))
     return jnp.broadcast_to(hand_R, (3, 3, *shape)), jnp.broadcast_to(hand_p, (3, *shape))

@@ -234,4 +234,3 @@ def _align_quaternion_signs(
         flips = np.sum(qpos[1:, indices] * qpos[:-1, indices], axis=1) < 0
         signs = np.where(np.cumsum(flips) % 2, -1.0, 1.0)
         qpos[1:, indices] *= signs[:, None]
-

@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from dvr_jax import __version__
-from dvr_jax.dataset.counts import write_manifest
+from dvr_jax.dataset.folder_manifest import write_manifest
 from dvr_jax.dataset.footer import ShardInfo
 from dvr_jax.dataset.labelling import LabelOptions
 from dvr_jax.dataset.labels import Label
@@ -92,7 +92,7 @@ def _require_same_sweep(request: Sweep, info: ShardInfo, scenes: Sequence[Scene]
     if info.scenes.stop > len(scenes):
         raise DataError(f"{info} goes beyond the {len(scenes)} scenes of {request.scenes}; {advice}.")
 
-    found = (scene_from_json(text, str(info.path)) for text in read_columns(info).json)
+    found = (scene_from_json(text, str(info.path)) for text in read_columns(info).scene_texts)
     expected = scenes[info.scenes.start : info.scenes.stop]
     if not all(map(are_equal_but_for_rounding, found, expected)):
         raise DataError(f"{info.path} holds other scenes than {request.scenes}; {advice}.")

@@ -248,9 +248,7 @@ class NodeSolver:
         problem = _problem_of(node)
         start = initial_path(self.model, problem, keyframes or self.path_keyframes(node)[0])
         self.counts.nlps["path"] += 1
-        solved: list[NlpSolution] = yield SolveNlps(
-            self.model, [path_problem(problem, start)], [start], self.settings
-        )
+        solved: list[NlpSolution] = yield SolveNlps(self.model, [path_problem(problem, start)], [start], self.settings)
         return solved[0]
 
 

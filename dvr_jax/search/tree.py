@@ -134,4 +134,3 @@ class SequenceTree:
     def check_cached_pose_bound(self, node: Node) -> bool:
         """Whether a node may go on, by pose bounds that are known; it is refuted if it may not."""
         return self._pose_bound.check_cached(node)
-

@@ -49,9 +49,7 @@ class _Programs:
         self.settings = Settings(iteration_limit=1)
         actions = covering_sequence(scene, k_max, operators)
         lengths = range(1, len(actions) + 1)
-        self.problems: dict[int, Problem] = {
-            K: transcribe(scene, actions[:K], operators=operators) for K in lengths
-        }
+        self.problems: dict[int, Problem] = {K: transcribe(scene, actions[:K], operators=operators) for K in lengths}
         self.proposals = [
             operator_of(action, operators).proposal(state.modes[switch.item].kind)
             for action, state, switch in zip(actions, *walk(scene, actions, (), operators), strict=False)

@@ -83,7 +83,9 @@ def extend_beams(
     return [beams[index] for index in range(len(tasks))]
 
 
-def _extend_batch(model: WorkcellModel, tasks: Sequence[BeamTask], count: int, uniform: np.ndarray) -> list[KeyframeBeam]:
+def _extend_batch(
+    model: WorkcellModel, tasks: Sequence[BeamTask], count: int, uniform: np.ndarray
+) -> list[KeyframeBeam]:
     """Beams of prefixes that one call serves, filled up to a number of lanes."""
     padded = [*tasks, *[tasks[0]] * (count - len(tasks))]
     steps = _stack([beam_step(task.problem, task.proposal) for task in padded])

@@ -29,12 +29,10 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from dvr_jax.geometry.arrays import Array
 from dvr_jax.geometry.vectors import materialize
-
-Array = jax.Array | np.ndarray
 
 
 class SolverStatus(IntEnum):

@@ -18,10 +18,10 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax import Array
 from jax.lax.linalg import triangular_solve
 from jaxtyping import Float
 
+from dvr_jax.geometry.arrays import Array
 from dvr_jax.nlp.system import BorderedSystem
 
 

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
 
+from dvr_jax.geometry.arrays import Array
 from dvr_jax.geometry.vectors import materialize
 from dvr_jax.modes.mode import PARAMETERS
 from dvr_jax.nlp.blocks import COLLISION, Horizon
@@ -141,8 +141,7 @@ def cut_into_chunks(slices: Slices) -> tuple[Slices, ...]:
 
     padded = jax.tree.map(pad, slices)
     return tuple(
-        jax.tree.map(lambda value, first=first: value[..., first : first + size], padded)
-        for first in range(0, L, size)
+        jax.tree.map(lambda value, first=first: value[..., first : first + size], padded) for first in range(0, L, size)
     )
 
 

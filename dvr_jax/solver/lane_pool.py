@@ -183,9 +183,7 @@ class LanePool:
         """
         status = np.asarray(self._states.status)
         unchecked = [
-            index
-            for index in ended
-            if status[index] == SolverStatus.FEASIBLE and not self._lanes[index].is_cleared
+            index for index in ended if status[index] == SolverStatus.FEASIBLE and not self._lanes[index].is_cleared
         ]
         if not unchecked:
             return ended

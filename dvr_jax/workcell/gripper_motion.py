@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import jax.numpy as jnp
-from jax import Array
 from jaxtyping import Bool, Float
 
+from dvr_jax.geometry.arrays import Array
 from dvr_jax.runtime.compilation import Program
 from dvr_jax.workcell.kinematics import BasePoses, hand_pose, link_poses
 from dvr_jax.workcell.model import WorkcellModel

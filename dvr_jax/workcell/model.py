@@ -15,10 +15,9 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
+from dvr_jax.geometry.arrays import Array
 from dvr_jax.workcell.robot import InverseKinematics, Rectangle, Robot
 from dvr_jax.workcell.workcell import Workcell, cross_arm_pairs
-
-Array = jax.Array | np.ndarray
 
 
 @dataclass(frozen=True, slots=True)

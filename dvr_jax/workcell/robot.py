@@ -255,7 +255,9 @@ class Robot:
         bounds = []
         for c, link in enumerate(capsules.links):
             slide = self.finger_travel * capsules.finger_directions[c]
-            points = np.stack([capsules.starts[c], capsules.ends[c], capsules.starts[c] + slide, capsules.ends[c] + slide])
+            points = np.stack(
+                [capsules.starts[c], capsules.ends[c], capsules.starts[c] + slide, capsules.ends[c] + slide]
+            )
             own = points[:, :2] if link == 0 else points
             bounds.append(reach[link] + np.linalg.norm(own, axis=1).max() + capsules.radii[c])
         return np.array(bounds)

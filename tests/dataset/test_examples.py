@@ -229,7 +229,7 @@ def test_shards_make_a_network(folder: Path, tmp_path: Path, monkeypatch: pytest
     assert 0 < manifest["counts"]["scenes"] <= len(examples.scenes)
     assert manifest["counts"]["sequences"] <= len(examples.length)
     code = Predictor.load(tmp_path / "network.npz").encode_scene(examples.scenes[0])
-    assert np.isfinite(code.gates).all()
+    assert np.isfinite(code.input_gates).all()
 
 
 def test_manifest(folder: Path, labels: dict[Scene, list[Label]]) -> None:

@@ -10,19 +10,13 @@ from numpy.typing import NDArray
 from dvr_jax.dataset import Examples
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import FACES
-from dvr_jax.model.batches import (
-    IMAGE_BUCKET,
-    VIEW_BUCKET,
-    BatchSampler,
-    assemble_batch,
-    check_examples,
-    draw_mirrored,
-    held_out_scenes,
-    scene_table,
-)
+from dvr_jax.model.batch_sampler import BatchSampler, draw_mirrored
+from dvr_jax.model.batches import IMAGE_MULTIPLE, VIEW_MULTIPLE, assemble_batch
 from dvr_jax.model.encoding import MIRRORED, SYMBOLS, direction
-from dvr_jax.model.metadata import Kind
 from dvr_jax.model.images import scene_images, stack_images
+from dvr_jax.model.metadata import Kind
+from dvr_jax.model.scene_table import build_scene_table
+from dvr_jax.model.training_data import check_examples, held_out_scenes
 from dvr_jax.scene.sampling import sample_scenes
 
 ONE, TWO = sided_examples(2, 1, objects=1, longest=3), sided_examples(3, 2, objects=2, longest=3)
@@ -31,7 +25,7 @@ MIXED = Examples(
     np.concatenate([ONE.scene, TWO.scene + 2]),
     *(np.concatenate([mine, theirs]) for mine, theirs in zip(ONE[2:], TWO[2:], strict=True)),
 )  # scenes with one object and with two
-TABLE = scene_table(MIXED.scenes, stack_images([scene_images(scene, 8, 1) for scene in MIXED.scenes], 2))
+TABLE = build_scene_table(MIXED.scenes, stack_images([scene_images(scene, 8, 1) for scene in MIXED.scenes], 2))
 
 
 def test_every_step_finds_symbol_and_masks_of_its_action() -> None:
@@ -55,7 +49,7 @@ def test_every_step_finds_symbol_and_masks_of_its_action() -> None:
             assert tuple(batch.image_pair[batch.image[b, k]]) == (scene.object_index(name), second)
         assert batch.view_scene[batch.image_view[batch.goal_image[b]]] == MIXED.scene[row]
         assert tuple(batch.image_pair[batch.goal_image[b]]) == (scene.goal_index, number)
-        np.testing.assert_array_equal(batch.mask[b], np.arange(3) < MIXED.length[row])
+        np.testing.assert_array_equal(batch.weight[b], np.arange(3) < MIXED.length[row])
         np.testing.assert_array_equal(batch.target[b], MIXED.targets[row])
 
 
@@ -66,9 +60,9 @@ def test_each_image_is_encoded_once_for_all_steps_and_sequences() -> None:
     assert batch.symbol.size > 500
     # With one object both tuples; with two, three actions never put the other object on the goal as well.
     assert len(set(shown)) == 2 * 2 + 3 * 3
-    assert len(shown) == IMAGE_BUCKET
+    assert len(shown) == IMAGE_MULTIPLE
     # Each of the five scenes is one view.
-    assert set(batch.view_scene) == set(range(5)) and len(batch.view_scene) == VIEW_BUCKET
+    assert set(batch.view_scene) == set(range(5)) and len(batch.view_scene) == VIEW_MULTIPLE
 
 
 def test_mirrored_scenes_are_mirrored_views_with_mirrored_symbols() -> None:
@@ -79,7 +73,7 @@ def test_mirrored_scenes_are_mirrored_views_with_mirrored_symbols() -> None:
         np.testing.assert_array_equal(batch.normal[row], plain.normal[row] * [1 - 2 * in_x, 1 - 2 * in_y])
     np.testing.assert_array_equal(batch.view_mirrored, mirrored[batch.view_scene])
     assert not plain.view_mirrored.any()
-    for name in ("view_scene", "image_view", "image_pair", "image", "goal_image", "target", "mask"):
+    for name in ("view_scene", "image_view", "image_pair", "image", "goal_image", "target", "weight"):
         np.testing.assert_array_equal(getattr(batch, name), getattr(plain, name))
     np.testing.assert_array_equal(draw_mirrored(48, 0, 7), draw_mirrored(48, 0, 7))
     assert len(np.unique(draw_mirrored(48, 0, 7), axis=0)) == 4
@@ -89,10 +83,10 @@ def test_classifier_learns_that_prefixes_of_feasible_sequences_are_and_refuted_o
     rows = np.arange(0, len(MIXED.scene), 7)
     refuted = np.where(MIXED.feasible, 0, 1 + np.arange(len(MIXED.scene)) % MIXED.length)
     batch = assemble_batch(MIXED._replace(refuted_after=refuted), TABLE, rows, "classifier")
-    for row, mask in zip(rows, batch.mask, strict=True):
+    for row, mask in zip(rows, batch.weight, strict=True):
         length, first = MIXED.length[row], 0 if MIXED.feasible[row] else refuted[row] - 1
         np.testing.assert_array_equal(np.flatnonzero(mask), np.arange(first, length))
-    assert (batch.mask.sum(axis=1) < MIXED.length[rows]).any()
+    assert (batch.weight.sum(axis=1) < MIXED.length[rows]).any()
     np.testing.assert_array_equal(batch.target.max(axis=1) > 0, MIXED.feasible[rows])
 
 
@@ -102,7 +96,7 @@ def without_solutions(hopeless: tuple[int, ...]) -> NDArray[np.intp]:
 
 
 def test_draw_depends_on_seed_and_step_alone() -> None:
-    sampler = BatchSampler.of(MIXED, np.arange(len(MIXED.scene)), 3, 48, 16)
+    sampler = BatchSampler.from_examples(MIXED, np.arange(len(MIXED.scene)), 3, 48, 16)
     drawn = [sampler.draw(3, step) for step in range(20)]
     for step, batch in enumerate(drawn):
         np.testing.assert_array_equal(batch, sampler.draw(3, step))
@@ -112,14 +106,14 @@ def test_draw_depends_on_seed_and_step_alone() -> None:
 
 def test_batch_is_dealt_out_to_its_scenes_and_holds_enough_feasible() -> None:
     rows = without_solutions((0, 2, 3))
-    sampler = BatchSampler.of(MIXED, np.random.default_rng(0).permutation(rows), 2, 48, 16)
+    sampler = BatchSampler.from_examples(MIXED, np.random.default_rng(0).permutation(rows), 2, 48, 16)
     for step in range(50):
         batch = sampler.draw(0, step)
         assert len(batch) == 48 and np.isin(batch, rows).all()
         first, rest = MIXED.scene[batch[:16]], MIXED.scene[batch[16:]]
         assert MIXED.feasible[batch[:16]].all() and set(first) == set(rest) - {0, 2, 3}
         assert np.unique(rest, return_counts=True)[1].tolist() == [16, 16]
-    few = BatchSampler.of(MIXED, without_solutions(tuple(range(5))), 12, 48, 16)
+    few = BatchSampler.from_examples(MIXED, without_solutions(tuple(range(5))), 12, 48, 16)
     assert len(few.draw(0, 0)) == 48 and set(MIXED.scene[few.draw(0, 0)]) == set(range(5))
 
 
@@ -128,7 +122,7 @@ def test_others_are_drawn_evenly_by_the_number_of_actions_after_which_they_are_r
     rows = np.arange(len(MIXED.scene))[MIXED.scene == 3]
     # Half of the longest are continuations of what was refuted after two actions.
     refuted = np.where((MIXED.length == 3) & (np.arange(len(MIXED.scene)) % 2 == 0), 2, MIXED.refuted_after)
-    sampler = BatchSampler.of(MIXED._replace(refuted_after=refuted), rows, 1, 48, 0, stratified)
+    sampler = BatchSampler.from_examples(MIXED._replace(refuted_after=refuted), rows, 1, 48, 0, stratified)
     drawn = np.concatenate([sampler.draw(0, step) for step in range(400)])
     kinds = 10 * refuted + MIXED.length
     kinds[MIXED.feasible] = 0
@@ -143,19 +137,19 @@ def test_others_are_drawn_evenly_by_the_number_of_actions_after_which_they_are_r
 def test_steps_count_as_much_as_their_target_weighs() -> None:
     weight = MIXED.weight * (np.arange(3) != 1)
     batch = assemble_batch(MIXED._replace(weight=weight), TABLE, np.arange(40), "dvr")
-    np.testing.assert_array_equal(batch.mask, weight[:40])
+    np.testing.assert_array_equal(batch.weight, weight[:40])
 
 
 @pytest.mark.parametrize("least_feasible", [16, 0])
 @pytest.mark.parametrize("kind", ["dvr", "classifier"])
-def test_share_of_ones_is_what_batches_hold_on_average(kind: Kind, least_feasible: int) -> None:
+def test_fraction_of_ones_is_what_batches_hold_on_average(kind: Kind, least_feasible: int) -> None:
     """Scenes without solutions, which sampler with feasible sequences hold less often, have more and longer rows."""
     rows = without_solutions((2, 3, 4))
-    sampler = BatchSampler.of(MIXED, rows[~((MIXED.scene[rows] < 2) & (MIXED.length[rows] > 2))], 2, 48, least_feasible)
+    sampler = BatchSampler.from_examples(MIXED, rows[~((MIXED.scene[rows] < 2) & (MIXED.length[rows] > 2))], 2, 48, least_feasible)
     examples = MIXED._replace(refuted_after=np.minimum(MIXED.refuted_after, 2))
     batches = [assemble_batch(examples, TABLE, sampler.draw(0, step), kind) for step in range(1_000)]
-    share = sum(batch.target.sum() for batch in batches) / sum(batch.mask.sum() for batch in batches)
-    assert abs(share - sampler.share_of_ones(examples, kind)) < 0.01
+    share = sum(batch.target.sum() for batch in batches) / sum(batch.weight.sum() for batch in batches)
+    assert abs(share - sampler.fraction_of_ones(examples, kind)) < 0.01
 
 
 def test_held_out_scenes_stay_when_scenes_are_added() -> None:

@@ -13,12 +13,13 @@ from dvr_jax.errors import DvrError
 from dvr_jax.model.checkpoint import CheckpointFolder, TrainingState
 from dvr_jax.model.export import export_network, load_parameters
 from dvr_jax.model.metadata import NetworkMetadata
-from dvr_jax.model.network import NetworkConfig, initial_parameters
+from dvr_jax.model.network import initial_parameters
+from dvr_jax.model.network_config import NetworkConfig
 from dvr_jax.model.predictor import Predictor
 
 CONFIG = NetworkConfig(image_size=16, channels=(1, 2, 2), dense=4, hidden=5)
-WEIGHTS = initial_parameters(CONFIG, 1)
-HEADER = NetworkMetadata("dvr", CONFIG, training={"batch": 48, "learning_rate": 5e-4})
+PARAMETERS = initial_parameters(CONFIG, 1)
+METADATA = NetworkMetadata("dvr", CONFIG, training={"batch": 48, "learning_rate": 5e-4})
 
 
 def same(one: Any, other: Any) -> bool:
@@ -29,54 +30,54 @@ def same(one: Any, other: Any) -> bool:
 
 def test_checkpoint_gives_back_the_state(tmp_path: Path) -> None:
     adam = optax.scale_by_adam()
-    _, optimizer = adam.update(WEIGHTS.tree, adam.init(WEIGHTS.tree))
+    _, optimizer = adam.update(PARAMETERS.tree, adam.init(PARAMETERS.tree))
     folder = CheckpointFolder(tmp_path / "run", keep=1)
     assert folder.latest() is None
     for step in (5, 9):
-        folder.save(TrainingState(WEIGHTS, optimizer, step, 77), HEADER)
+        folder.save(TrainingState(PARAMETERS, optimizer, step, 77), METADATA)
     folder.close()
     again = CheckpointFolder(tmp_path / "run")
     blank = initial_parameters(CONFIG, 2)
-    state = again.restore(TrainingState(blank, adam.init(blank.tree), 0, 0), HEADER)
+    state = again.restore(TrainingState(blank, adam.init(blank.tree), 0, 0), METADATA)
     assert (state.step, state.seed) == (9, 77)
-    assert same(state.weights, WEIGHTS) and same(state.optimizer, optimizer)
-    assert again.header(9) == HEADER
+    assert same(state.parameters, PARAMETERS) and same(state.optimizer, optimizer)
+    assert again.metadata(9) == METADATA
     assert sorted(path.name for path in (tmp_path / "run").iterdir()) == ["9"]
-    weights, header = load_parameters(tmp_path / "run")
-    assert same(weights, WEIGHTS) and header == HEADER
-    assert same(Predictor.load(tmp_path / "run").weights, WEIGHTS)
+    parameters, metadata = load_parameters(tmp_path / "run")
+    assert same(parameters, PARAMETERS) and metadata == METADATA
+    assert same(Predictor.load(tmp_path / "run").parameters, PARAMETERS)
 
 
 @pytest.mark.parametrize(
     ("other", "message"),
     [
         (
-            NetworkMetadata("classifier", CONFIG, training=HEADER.training),
+            NetworkMetadata("classifier", CONFIG, training=METADATA.training),
             "trained with kind = dvr, this run has classifier",
         ),
-        (NetworkMetadata("dvr", NetworkConfig(hidden=6), training=HEADER.training), "config"),
+        (NetworkMetadata("dvr", NetworkConfig(hidden=6), training=METADATA.training), "config"),
         (
-            NetworkMetadata("dvr", CONFIG, training={**HEADER.training, "batch": 32}),
+            NetworkMetadata("dvr", CONFIG, training={**METADATA.training, "batch": 32}),
             "training.batch = 48, this run has 32",
         ),
     ],
 )
 def test_another_run_is_not_continued(other: NetworkMetadata, message: str) -> None:
     with pytest.raises(DvrError, match=message):
-        other.require_same(HEADER, "run, step 3")
+        other.require_same(METADATA, "run, step 3")
 
 
-def test_export_gives_back_weights_and_header(tmp_path: Path) -> None:
+def test_export_gives_back_parameters_and_metadata(tmp_path: Path) -> None:
     path = tmp_path / "new" / "network.npz"
-    export_network(path, WEIGHTS, HEADER)
-    weights, header = load_parameters(path)
-    assert same(weights, WEIGHTS) and header == HEADER
+    export_network(path, PARAMETERS, METADATA)
+    parameters, metadata = load_parameters(path)
+    assert same(parameters, PARAMETERS) and metadata == METADATA
     assert [item.name for item in path.parent.iterdir()] == ["network.npz"]
 
 
 def rewrite(path: Path, change: dict[str, Any]) -> None:
-    """An export with parts of the header or whole arrays replaced."""
-    export_network(path, WEIGHTS, HEADER)
+    """An export with parts of the metadata or whole arrays replaced."""
+    export_network(path, PARAMETERS, METADATA)
     with np.load(path) as file:
         arrays: dict[str, Any] = dict(file)
     record = json.loads(str(arrays["header"]))
@@ -95,8 +96,8 @@ def rewrite(path: Path, change: dict[str, Any]) -> None:
         ({"domain": "0123"}, "another symbolic domain \\(signature 0123\\); valid is [0-9a-f]{16}"),
         ({"kind": "oracle"}, "the kind is 'oracle'; valid: dvr, classifier"),
         ({"format": 7}, "the format is 7; valid is 2"),
-        ({"config": {"hidden": 5}}, "the header is incomplete"),
-        ({"config": {"hidden": 5, "channels": 3}}, "the header is incomplete"),
+        ({"config": {"hidden": 5}}, "the metadata are incomplete"),
+        ({"config": {"hidden": 5, "channels": 3}}, "the metadata are incomplete"),
         (
             {"config": {"hidden": float("nan"), "channels": [5, 10, 10]}},
             "network.npz: the network's hidden is nan; valid",

@@ -17,8 +17,8 @@ from dvr_jax.model.images import (
     WHOLE_PIXEL,
     depth_images,
     scene_images,
-    show_scenes,
     stack_images,
+    view_channels,
 )
 from dvr_jax.scene.camera import render_depth
 from dvr_jax.scene.pinhole import SCENE_CAMERA
@@ -78,7 +78,7 @@ def test_views_are_scenes_as_they_are_or_mirrored() -> None:
     scenes = [next(sample_scenes(1, number, 3)) for number in (1, 3)]
     stack = stack_images([scene_images(scene, 16, 2) for scene in scenes], 3)
     owner, mirrored = np.array([1, 0, 1, 0]), np.array([[0, 0], [0, 1], [1, 0], [1, 1]], bool)
-    height, masks = show_scenes(*(jnp.asarray(item) for item in (*stack, owner, mirrored)))
+    height, masks = view_channels(*(jnp.asarray(item) for item in (*stack, owner, mirrored)))
     assert height.dtype == masks.dtype == jnp.float32 and masks.shape == (4, 5, 16, 16)
     for view, (scene, (in_x, in_y)) in enumerate(zip(owner, mirrored, strict=True)):
         alone = scene_images(scenes[scene], 16, 2)

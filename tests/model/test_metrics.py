@@ -8,12 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from labelled import sided_examples
 
-from dvr_jax.model.batches import scene_table
-from dvr_jax.model.metadata import NetworkMetadata
+from dvr_jax.model.greedy import greedy_sequences
 from dvr_jax.model.images import scene_images, stack_images
-from dvr_jax.model.metrics import average_precision, greedy_sequences
-from dvr_jax.model.network import NetworkConfig, initial_parameters
+from dvr_jax.model.metadata import NetworkMetadata
+from dvr_jax.model.metrics import average_precision
+from dvr_jax.model.network import initial_parameters
+from dvr_jax.model.network_config import NetworkConfig
 from dvr_jax.model.predictor import Predictor
+from dvr_jax.model.scene_table import build_scene_table
 
 
 def by_definition(labels: list[bool], scores: list[int]) -> float:
@@ -45,11 +47,11 @@ def test_average_precision_on_paper() -> None:
 
 def test_greedy_sequences_take_the_best_of_the_predictor_at_each_step() -> None:
     examples = sided_examples(3, 5)
-    weights = initial_parameters(NetworkConfig(image_size=16, channels=(2, 2, 2), dense=8, hidden=12), 1)
-    table = scene_table(examples.scenes, stack_images([scene_images(scene, 16, 4) for scene in examples.scenes], 2))
-    predictor = Predictor.of(weights, NetworkMetadata("dvr", weights.config))
+    parameters = initial_parameters(NetworkConfig(image_size=16, channels=(2, 2, 2), dense=8, hidden=12), 1)
+    table = build_scene_table(examples.scenes, stack_images([scene_images(scene, 16, 4) for scene in examples.scenes], 2))
+    predictor = Predictor(parameters, NetworkMetadata("dvr", parameters.config))
     k_max = 5
-    sequences = greedy_sequences(weights, table, [2, 0, 1], k_max)
+    sequences = greedy_sequences(parameters, table, [2, 0, 1], k_max)
     for scene, sequence in zip((2, 0, 1), sequences, strict=True):
         code = predictor.encode_scene(examples.scenes[scene])
         grounding, hidden, state = code.grounding, code.initial_hidden(), code.grounding.initial_state

@@ -12,26 +12,18 @@ from numpy.typing import NDArray
 from scipy.signal import correlate2d
 
 from dvr_jax.errors import DvrError
-from dvr_jax.model.network import (
-    Network,
-    NetworkConfig,
-    ParameterTree,
-    NetworkParameters,
-    encode_images,
-    encode_symbols,
-    initial_parameters,
-    run_sequence,
-    step,
-)
+from dvr_jax.model.forward import advance, encode_images, encode_symbols, run_sequence
+from dvr_jax.model.network import Network, NetworkParameters, ParameterTree, initial_parameters
+from dvr_jax.model.network_config import NetworkConfig
 
 SMALL = NetworkConfig(image_size=16, channels=(2, 3, 4), dense=7, hidden=11)
 
 
 def random_weights(config: NetworkConfig, seed: int = 0) -> NetworkParameters:
     """With biases that are not zero."""
-    weights = initial_parameters(config, seed)
+    parameters = initial_parameters(config, seed)
     generator = np.random.default_rng(seed)
-    return jax.tree.map(lambda leaf: leaf + generator.normal(0, 0.1, leaf.shape).astype("float32"), weights)
+    return jax.tree.map(lambda leaf: leaf + generator.normal(0, 0.1, leaf.shape).astype("float32"), parameters)
 
 
 def convolve(image: NDArray[Any], layer: Any, stride: int) -> NDArray[Any]:
@@ -49,16 +41,16 @@ def convolve(image: NDArray[Any], layer: Any, stride: int) -> NDArray[Any]:
 
 @pytest.mark.parametrize("pooling", [True, False])
 def test_image_encoder_is_three_correlations_and_a_dense_layer(pooling: bool) -> None:
-    weights = random_weights(replace(SMALL, pooling=pooling))
+    parameters = random_weights(replace(SMALL, pooling=pooling))
     image: NDArray[Any] = np.random.default_rng(0).normal(size=(16, 16, 3)).astype(np.float32)
-    network, variables = weights.network()
+    network, variables = parameters.network()
     code = network.apply(variables, image[None], method=Network.encode_images)
     for i, stride in enumerate((1, 2, 2)):
-        image = convolve(image, weights.tree[f"convolutions_{i}"], stride)
-    dense = weights.tree["image_dense"]
+        image = convolve(image, parameters.tree[f"convolutions_{i}"], stride)
+    dense = parameters.tree["image_dense"]
     expected = image.ravel() @ np.asarray(dense["kernel"], float) + np.asarray(dense["bias"], float)
     if pooling:
-        expected = expected + image.max((0, 1)) @ np.asarray(weights.tree["pool_dense"]["kernel"], float)
+        expected = expected + image.max((0, 1)) @ np.asarray(parameters.tree["pool_dense"]["kernel"], float)
     np.testing.assert_allclose(np.asarray(code)[0], expected, rtol=1e-4, atol=1e-5)
 
 
@@ -66,7 +58,7 @@ def test_image_encoder_is_three_correlations_and_a_dense_layer(pooling: bool) ->
 def test_fast_encoder_is_the_network_on_whole_images_in_values_and_gradients(pooling: bool) -> None:
     size, number = 24, 8
     config = replace(SMALL, image_size=size, pooling=pooling)
-    weights = random_weights(config)
+    parameters = random_weights(config)
     generator = np.random.default_rng(0)
     height = generator.uniform(-1, 1, (5, size, size)).astype(np.float32)
     masks = generator.integers(0, 256, (5, 4, size, size)).astype(np.uint8)
@@ -91,8 +83,8 @@ def test_fast_encoder_is_the_network_on_whole_images_in_values_and_gradients(poo
         codes: Any = Network(config).apply({"params": parameters}, images, method=Network.encode_images)
         return jnp.vdot(codes, target) / number, codes
 
-    (_, mine), my_gradient = jax.jit(jax.value_and_grad(fast, has_aux=True))(weights.tree)
-    (_, theirs), their_gradient = jax.jit(jax.value_and_grad(plain, has_aux=True))(weights.tree)
+    (_, mine), my_gradient = jax.jit(jax.value_and_grad(fast, has_aux=True))(parameters.tree)
+    (_, theirs), their_gradient = jax.jit(jax.value_and_grad(plain, has_aux=True))(parameters.tree)
     np.testing.assert_allclose(mine, theirs, rtol=1e-5, atol=1e-5 * float(jnp.abs(theirs).max()))
     for one, other in zip(*map(jax.tree.leaves, (my_gradient, their_gradient)), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-5 * float(jnp.abs(other).max()))
@@ -100,17 +92,17 @@ def test_fast_encoder_is_the_network_on_whole_images_in_values_and_gradients(poo
 
 
 def test_step_is_a_gru_and_a_linear_layer() -> None:
-    weights = random_weights(SMALL)
+    parameters = random_weights(SMALL)
     hidden, symbol, image, goal = (
         jax.random.normal(jax.random.key(i), (5, n), "float32") for i, n in enumerate((11, 7, 7, 7))
     )
-    logit, after = step(weights, hidden, symbol, image, goal)
+    logit, after = advance(parameters, hidden, symbol, image, goal)
     inputs = np.concatenate([symbol, image, goal], axis=-1)
-    theirs, _ = nn.GRUCell(11).apply({"params": weights.tree["cell"]}, hidden, inputs)
+    theirs, _ = nn.GRUCell(11).apply({"params": parameters.tree["cell"]}, hidden, inputs)
     np.testing.assert_allclose(after, theirs, atol=1e-6)
 
     def gate(name: str, values: Any) -> Any:
-        layer = weights.tree["cell"][name]
+        layer = parameters.tree["cell"][name]
         return np.asarray(values, float) @ np.asarray(layer["kernel"], float) + np.asarray(
             layer.get("bias", 0.0), float
         )
@@ -120,21 +112,21 @@ def test_step_is_a_gru_and_a_linear_layer() -> None:
     candidate = np.tanh(gate("in", inputs) + reset * gate("hn", hidden))
     by_hand = (1 - update) * candidate + update * np.asarray(hidden, float)
     np.testing.assert_allclose(after, by_hand, atol=1e-5)
-    output = weights.tree["output"]
+    output = parameters.tree["output"]
     np.testing.assert_allclose(logit, (by_hand @ np.asarray(output["kernel"]) + output["bias"])[:, 0], atol=1e-5)
 
 
 @pytest.mark.parametrize("goal", [True, False])
 def test_sequence_agrees_with_single_steps(goal: bool) -> None:
-    weights = random_weights(NetworkConfig(image_size=16, goal=goal))
+    parameters = random_weights(NetworkConfig(image_size=16, goal=goal))
     normals = jax.random.normal(jax.random.key(3), (2, 6, 2), "float32")
-    symbols = encode_symbols(weights, jnp.arange(12).reshape(2, 6), normals)
+    symbols = encode_symbols(parameters, jnp.arange(12).reshape(2, 6), normals)
     images = jax.random.normal(jax.random.key(1), (2, 6, 100), "float32")
     aim = jax.random.normal(jax.random.key(2), (2, 100), "float32") if goal else None
-    logits = jax.jit(run_sequence)(weights, symbols, images, aim)
-    hidden, one_step = jnp.zeros((2, 300), "float32"), jax.jit(step)
+    logits = jax.jit(run_sequence)(parameters, symbols, images, aim)
+    hidden, one_step = jnp.zeros((2, 300), "float32"), jax.jit(advance)
     for k in range(6):
-        logit, hidden = one_step(weights, hidden, symbols[:, k], images[:, k], aim)
+        logit, hidden = one_step(parameters, hidden, symbols[:, k], images[:, k], aim)
         np.testing.assert_allclose(logits[:, k], logit, atol=1e-5)
 
 
@@ -152,10 +144,10 @@ def test_sizes_are_those_of_the_paper() -> None:
 
 def test_parameters_are_single_precision_whatever_the_default() -> None:
     assert jax.config.values["jax_enable_x64"]
-    weights = initial_parameters(SMALL, 0)
-    assert {leaf.dtype for leaf in jax.tree.leaves(weights)} == {jnp.dtype("float32")}
-    codes = encode_symbols(weights, jnp.arange(12)[None], jnp.zeros((1, 12, 2), "float32"))
-    assert run_sequence(weights, codes, codes, codes[:, 0]).dtype == jnp.float32
+    parameters = initial_parameters(SMALL, 0)
+    assert {leaf.dtype for leaf in jax.tree.leaves(parameters)} == {jnp.dtype("float32")}
+    codes = encode_symbols(parameters, jnp.arange(12)[None], jnp.zeros((1, 12, 2), "float32"))
+    assert run_sequence(parameters, codes, codes, codes[:, 0]).dtype == jnp.float32
 
 
 @pytest.mark.parametrize(

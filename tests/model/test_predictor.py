@@ -10,18 +10,21 @@ from numpy.typing import NDArray
 
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import FACES, enumerate_sequences
-from dvr_jax.model import predictor as module
+from dvr_jax.model import predictor as predictor_module
+from dvr_jax.model import scene_encoding
 from dvr_jax.model.encoding import SYMBOLS, direction
 from dvr_jax.model.export import export_network
-from dvr_jax.model.metadata import NetworkMetadata
 from dvr_jax.model.images import BRIGHTNESS, WHOLE_PIXEL, depth_images, scene_images
-from dvr_jax.model.network import Network, NetworkConfig, initial_parameters
-from dvr_jax.model.predictor import BATCH_SIZES, SHIPPED, Predictor, load_network
+from dvr_jax.model.metadata import NetworkMetadata
+from dvr_jax.model.network import Network, initial_parameters
+from dvr_jax.model.network_config import NetworkConfig
+from dvr_jax.model.predictor import SHIPPED, Predictor, load_network
+from dvr_jax.model.scene_encoding import BATCH_SIZES
 from dvr_jax.scene.camera import empty_depth, render_depth
 from dvr_jax.scene.sampling import SceneDistribution, sample_scenes
 
-WEIGHTS = initial_parameters(NetworkConfig(image_size=16, channels=(2, 3, 3), dense=9, hidden=13), 4)
-PREDICTOR = Predictor.of(WEIGHTS, NetworkMetadata("dvr", WEIGHTS.config))
+PARAMETERS = initial_parameters(NetworkConfig(image_size=16, channels=(2, 3, 3), dense=9, hidden=13), 4)
+PREDICTOR = Predictor(PARAMETERS, NetworkMetadata("dvr", PARAMETERS.config))
 SPARSE = SceneDistribution(wide_side=(0.05, 0.08))
 
 
@@ -30,7 +33,7 @@ def test_steps_are_the_network_on_the_actions_images(number: int) -> None:
     scene = next(sample_scenes(1, number, 1, SPARSE))
     code = PREDICTOR.encode_scene(scene)
     sequence = next(enumerate_sequences(code.grounding, 4))
-    network, variables = WEIGHTS.network()
+    network, variables = PARAMETERS.network()
     images = scene_images(scene, 16, 4)
 
     def encode(first: int, second: int) -> object:
@@ -50,7 +53,7 @@ def test_steps_are_the_network_on_the_actions_images(number: int) -> None:
         turn = item.yaw + (FACES.index(action.arguments[1]) * np.pi / 2 if action.operator == "grasp" else 0)
         normal = jnp.array([[np.cos(turn), np.sin(turn)]], jnp.float32) * (action.operator == "grasp")
         word = network.apply(variables, jnp.array([symbol]), normal, method=Network.encode_symbols)
-        logit, theirs = network.apply(variables, theirs, word, image, goal, method=Network.step)
+        logit, theirs = network.apply(variables, theirs, word, image, goal, method=Network.advance)
         probability, mine = PREDICTOR.predict(code, mine, [index])
         np.testing.assert_allclose(probability, 1 / (1 + np.exp(-np.asarray(logit))), atol=1e-5)
         np.testing.assert_allclose(mine, theirs, atol=1e-5)
@@ -103,27 +106,26 @@ def test_one_state_serves_all_actions() -> None:
 
 
 def test_few_shapes_are_compiled_and_images_encoded_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    calls: dict[str, set[tuple[int, ...]]] = {"_step": set(), "_encode_scene": set()}
-    counts = dict.fromkeys(calls, 0)
-    for name in calls:
+    shapes: dict[str, list[tuple[int, ...]]] = {"predict_rows": [], "_encode_scene": []}
+    for module, name in ((predictor_module, "predict_rows"), (scene_encoding, "_encode_scene")):
         original = getattr(module, name)
 
-        def counted(*args: object, name: str = name, original: object = original) -> object:
-            calls[name].add(args[3].shape)  # type: ignore[attr-defined]
-            counts[name] += 1
+        def recorded(*args: object, name: str = name, original: object = original) -> object:
+            shapes[name].append(args[3].shape)  # type: ignore[attr-defined]
             return original(*args)  # type: ignore[operator]
 
-        monkeypatch.setattr(module, name, counted)
-    code = PREDICTOR.encode_scene(next(sample_scenes(1, 2, 0)))
+        monkeypatch.setattr(module, name, recorded)
+
+    encoding = PREDICTOR.encode_scene(next(sample_scenes(1, 2, 0)))
     for number in range(1, 300, 13):
-        PREDICTOR.predict(code, code.initial_hidden(number), np.zeros(number, int))
-    assert calls["_step"] == {(size,) for size in BATCH_SIZES}
-    assert counts["_encode_scene"] == 1
+        PREDICTOR.predict(encoding, encoding.initial_hidden(number), np.zeros(number, int))
+    assert set(shapes["predict_rows"]) == {(size,) for size in BATCH_SIZES}
+    assert len(shapes["_encode_scene"]) == 1
 
 
 def test_classifier_needs_no_goal(tmp_path: Path) -> None:
-    weights = initial_parameters(NetworkConfig(image_size=16, channels=(1, 1, 1), dense=4, hidden=5, goal=False), 0)
-    export_network(tmp_path / "network.npz", weights, NetworkMetadata("classifier", weights.config))
+    parameters = initial_parameters(NetworkConfig(image_size=16, channels=(1, 1, 1), dense=4, hidden=5, goal=False), 0)
+    export_network(tmp_path / "network.npz", parameters, NetworkMetadata("classifier", parameters.config))
     predictor = Predictor.load(tmp_path / "network.npz")
     assert predictor.kind == "classifier"
     code = predictor.encode_scene(next(sample_scenes(1, 1, 0)))

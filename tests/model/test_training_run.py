@@ -27,10 +27,13 @@ from dvr_jax.logic import Action, ground_actions
 from dvr_jax.model.batches import assemble_batch
 from dvr_jax.model.export import load_parameters
 from dvr_jax.model.history import History, read_history
-from dvr_jax.model.network import NetworkConfig, initial_parameters
+from dvr_jax.model.network import initial_parameters
+from dvr_jax.model.network_config import NetworkConfig
 from dvr_jax.model.predictor import Predictor
-from dvr_jax.model.training_run import TrainOptions, prepare, train
 from dvr_jax.model.training import evaluate_batch, train_step, weighted_loss
+from dvr_jax.model.training_data import prepare_training_data
+from dvr_jax.model.training_options import TrainOptions
+from dvr_jax.model.training_run import train
 from dvr_jax.planning.feasibility import feasibility
 from dvr_jax.scene.sampling import scene_of_seed
 from dvr_jax.scene.types import Scene
@@ -70,18 +73,18 @@ def test_loss_is_the_weighted_mean_over_steps_that_count() -> None:
 def test_learns_which_arm_is_on_the_objects_side(tmp_path: Path) -> None:
     options = replace(OPTIONS, out=tmp_path, steps=240, log_every=20, checkpoint_every=240)
     options = replace(options, learning_rate=3e-3, mirror=False)
-    data = prepare(options, EXAMPLES, None, quiet)
+    data = prepare_training_data(options, EXAMPLES, None, quiet)
     assert data.positive_weight == pytest.approx(0.5)  # a third drawn of the feasible, the others half and half
     lines: list[str] = []
     train(replace(options, validate_every=120), data, SMALL, lines.append)
-    weights, _ = load_parameters(tmp_path / "network.npz")
-    batch = assemble_batch(EXAMPLES, data.table, data.sampler.rows, "dvr")
-    _, _, logits = evaluate_batch(weights, data.table.height, data.table.masks, batch, jnp.float32(1))
-    counts = batch.mask > 0
+    parameters, _ = load_parameters(tmp_path / "network.npz")
+    batch = assemble_batch(EXAMPLES, data.table, data.sampler.sequences, "dvr")
+    _, _, logits = evaluate_batch(parameters, data.table.height, data.table.masks, batch, jnp.float32(1))
+    counts = batch.weight > 0
     assert np.mean((np.asarray(logits) > 0)[counts] == (batch.target > 0.5)[counts]) > 0.95
 
     # What the searches load says the same of a scene that was trained on, and files are there to look at.
-    predictor, scene = Predictor.load(tmp_path / "network.npz"), EXAMPLES.scenes[EXAMPLES.scene[data.sampler.rows[0]]]
+    predictor, scene = Predictor.load(tmp_path / "network.npz"), EXAMPLES.scenes[EXAMPLES.scene[data.sampler.sequences[0]]]
     code = predictor.encode_scene(scene)
     probabilities, _ = predictor.predict(code, code.initial_hidden(24), range(24))
     wanted = "left" if scene.objects[scene.goal_index].position[0] < 0 else "right"
@@ -105,16 +108,16 @@ def test_greedy_sequences_that_no_label_knows_are_judged_once(tmp_path: Path) ->
         return [actions[0].arguments[0] == "left" for _, actions in tasks]
 
     options = replace(OPTIONS, out=tmp_path, validation_scenes=8, held_out=0.6)
-    weights = initial_parameters(SMALL, 0)
-    by_labels, judged = (prepare(options, EXAMPLES, None, quiet, how).validation for how in (None, judge))
+    parameters = initial_parameters(SMALL, 0)
+    by_labels, judged = (prepare_training_data(options, EXAMPLES, None, quiet, how).validation for how in (None, judge))
     assert by_labels is not None and judged is not None
-    share, figure = by_labels.measure(weights)["top1"], judged.measure(weights)["top1"]
+    share, figure = by_labels.measure(parameters)["top1"], judged.measure(parameters)["top1"]
     number = len(judged.solutions)
     assert number >= 4 and len(asked) == round(number * (1 - share)) > 0
     assert figure == pytest.approx(share + sum(actions[0].arguments[0] == "left" for _, actions in asked) / number)
     for scene, actions in asked:
         ground_actions([item.name for item in scene.objects], scene.goal.object).check_sequence(actions)
-    assert judged.measure(weights)["top1"] == figure and len(asked) == round(number * (1 - share))
+    assert judged.measure(parameters)["top1"] == figure and len(asked) == round(number * (1 - share))
 
 
 def test_the_planner_is_what_the_command_asks() -> None:
@@ -138,18 +141,18 @@ def train_until_killed(options: TrainOptions) -> None:
             os.kill(os.getpid(), signal.SIGKILL)
 
     jax.config.update("jax_enable_x64", True)  # as in this one
-    train(options, prepare(options, EXAMPLES, None, say), SMALL, say)
+    train(options, prepare_training_data(options, EXAMPLES, None, say), SMALL, say)
 
 
 def test_a_killed_run_goes_on_to_the_same_result(tmp_path: Path) -> None:
     whole, cut = (replace(OPTIONS, out=tmp_path / name, cooldown=12) for name in ("whole", "cut"))
-    train(whole, prepare(whole, EXAMPLES, None, quiet), SMALL, quiet)
+    train(whole, prepare_training_data(whole, EXAMPLES, None, quiet), SMALL, quiet)
     child = multiprocessing.get_context("spawn").Process(target=train_until_killed, args=(cut,))
     child.start()
     child.join()
     assert child.exitcode == -signal.SIGKILL
     lines: list[str] = []
-    data = prepare(cut, EXAMPLES, None, lines.append)
+    data = prepare_training_data(cut, EXAMPLES, None, lines.append)
     assert not lines  # rendered before
     train(cut, data, SMALL, lines.append)
     assert lines[0] == "continues at step 16"
@@ -173,7 +176,7 @@ def test_targets_that_nobody_has_looked_at_weigh_what_is_asked_for(tmp_path: Pat
     looked_at = np.arange(inside.size).reshape(inside.shape) % 3 > 0
     examples = EXAMPLES._replace(weight=(inside & looked_at).astype(np.float32))
     for unknown in (0.0, 0.25, 1.0):
-        data = prepare(replace(OPTIONS, out=tmp_path, unknown=unknown), examples, None, quiet)
+        data = prepare_training_data(replace(OPTIONS, out=tmp_path, unknown=unknown), examples, None, quiet)
         expected = np.where(examples.weight > 0, 1, unknown) * inside
         np.testing.assert_array_equal(data.examples.weight, expected)
         assert data.validation is not None
@@ -182,7 +185,7 @@ def test_targets_that_nobody_has_looked_at_weigh_what_is_asked_for(tmp_path: Pat
 
 def test_a_step_is_adams(tmp_path: Path) -> None:
     options = replace(OPTIONS, out=tmp_path, steps=1, log_every=1, checkpoint_every=1, held_out=0.0)
-    data = prepare(options, EXAMPLES, None, quiet)
+    data = prepare_training_data(options, EXAMPLES, None, quiet)
     assert data.validation is None
     before, after = initial_parameters(SMALL, 0), train(options, data, SMALL, quiet)
     moved = jax.tree.map(lambda new, old: np.abs(np.asarray(new - old)), after.tree, before.tree)
@@ -202,7 +205,7 @@ def test_learning_rate_is_optaxs_schedule(cooldown: int, tmp_path: Path, monkeyp
 
     options = replace(OPTIONS, out=tmp_path, cooldown=cooldown, held_out=0.0)
     monkeypatch.setattr("dvr_jax.model.training_run.train_step", recorded)
-    train(options, prepare(options, EXAMPLES, None, quiet), SMALL, quiet)
+    train(options, prepare_training_data(options, EXAMPLES, None, quiet), SMALL, quiet)
     schedule = optax.linear_schedule(options.learning_rate, 0.0, cooldown, options.steps - cooldown)
     assert rates == pytest.approx([float(schedule(count)) for count in range(options.steps)])
 
@@ -225,7 +228,7 @@ def test_command_trains_a_classifier_on_separate_held_out_scenes(
     assert command.main() == 0
     assert "128 sequences to train on, 64 of them feasible" in capsys.readouterr().out
     predictor = Predictor.load(tmp_path / "network.npz")
-    assert predictor.kind == "classifier" and not predictor.weights.config.goal
+    assert predictor.kind == "classifier" and not predictor.parameters.config.goal
     manifest = json.loads((tmp_path / "manifest.json").read_text())
     assert manifest["command"] == f"python -m dvr_jax.train {arguments} --out {tmp_path}"
     assert manifest["network"]["sha256"] == hashlib.sha256((tmp_path / "network.npz").read_bytes()).hexdigest()
@@ -238,7 +241,7 @@ def test_command_trains_a_classifier_on_separate_held_out_scenes(
 
 def test_held_out_scenes_are_not_those_that_are_trained_on(tmp_path: Path) -> None:
     with pytest.raises(DvrError, match="--validation has 16 of the scenes of --data; valid are others"):
-        prepare(replace(OPTIONS, out=tmp_path), EXAMPLES, EXAMPLES, quiet)
+        prepare_training_data(replace(OPTIONS, out=tmp_path), EXAMPLES, EXAMPLES, quiet)
 
 
 @pytest.mark.parametrize(

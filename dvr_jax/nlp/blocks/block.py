@@ -16,15 +16,13 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any, NamedTuple
 
-import jax
 import numpy as np
 from jaxtyping import Float
 
+from dvr_jax.geometry.arrays import Array
 from dvr_jax.modes.mode import HandPoses
 from dvr_jax.nlp.problem import Problem, Variables
 from dvr_jax.nlp.system import SystemParts
-
-Array = jax.Array | np.ndarray
 
 
 class ConstraintKind(Enum):

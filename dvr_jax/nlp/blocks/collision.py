@@ -9,8 +9,8 @@ the factor s, on slice t - 1 by 1 - s.
 from __future__ import annotations
 
 import jax.numpy as jnp
-from jax import Array
 
+from dvr_jax.geometry.arrays import Array
 from dvr_jax.modes.mode import PARAMETERS
 from dvr_jax.nlp.blocks.block import (
     ConstraintBlock,

@@ -12,9 +12,9 @@ extents s. The rows of an action that puts nothing down are -1.
 from __future__ import annotations
 
 import jax.numpy as jnp
-from jax import Array
 from jaxtyping import Float
 
+from dvr_jax.geometry.arrays import Array
 from dvr_jax.modes.mode import PARAMETERS
 from dvr_jax.nlp.blocks.block import (
     ConstraintBlock,

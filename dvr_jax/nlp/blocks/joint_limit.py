@@ -6,8 +6,8 @@ Rows ``g = (lower - q, q - upper)`` for each slice and joint.
 from __future__ import annotations
 
 import jax.numpy as jnp
-from jax import Array
 
+from dvr_jax.geometry.arrays import Array
 from dvr_jax.nlp.blocks.block import (
     ConstraintBlock,
     ConstraintKind,

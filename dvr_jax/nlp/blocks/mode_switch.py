@@ -15,9 +15,9 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
 from jaxtyping import Float
 
+from dvr_jax.geometry.arrays import Array
 from dvr_jax.geometry.vectors import compose, cross, half_rotation_vector, materialize, rotation_angle, transpose
 from dvr_jax.modes.mode import PARAMETERS, Attachment
 from dvr_jax.modes.poses import object_poses
@@ -134,7 +134,9 @@ def _add_to_system(
 
     # The two sets of parameters belong to the actions that the object is attached by before and after the switch.
     item = problem.switched_object[:, None]
-    actions = [jnp.take_along_axis(rows, item, axis=1)[:, 0] for rows in (problem.mode_action[:-1], problem.mode_action[1:])]
+    actions = [
+        jnp.take_along_axis(rows, item, axis=1)[:, 0] for rows in (problem.mode_action[:-1], problem.mode_action[1:])
+    ]
     belongs = jnp.asarray(jnp.stack(actions, axis=1)[..., None] == jnp.arange(K), x.q.dtype)
     by_joints = jacobian.by_joints
     by_parameters = jnp.einsum("krob,kol->krlb", jacobian.by_parameters, belongs).reshape(K, 6, K * PARAMETERS)

@@ -6,8 +6,8 @@ Rows ``g = (lower - m, m - upper)`` for each action and parameter [m or rad].
 from __future__ import annotations
 
 import jax.numpy as jnp
-from jax import Array
 
+from dvr_jax.geometry.arrays import Array
 from dvr_jax.modes.mode import PARAMETERS
 from dvr_jax.nlp.blocks.block import (
     ConstraintBlock,

@@ -7,9 +7,9 @@ In this interval the fingers close. Keyframes have no such rows.
 from __future__ import annotations
 
 import jax.numpy as jnp
-from jax import Array
 from jaxtyping import Float
 
+from dvr_jax.geometry.arrays import Array
 from dvr_jax.nlp.blocks.block import (
     ConstraintBlock,
     ConstraintKind,

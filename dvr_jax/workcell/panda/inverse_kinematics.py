@@ -15,10 +15,10 @@ import math
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jax import Array
 from jaxtyping import Float
 
 from dvr_jax.geometry.angles import arctan2
+from dvr_jax.geometry.arrays import Array
 from dvr_jax.geometry.vectors import Rotation, Vector, cross, dot, materialize
 from dvr_jax.workcell.model import WorkcellModel
 
