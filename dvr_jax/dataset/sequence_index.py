@@ -15,7 +15,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 
-from dvr_jax.logic import Grounding, LogicError, ground_actions
+from dvr_jax.logic import Grounding, LogicError
 from dvr_jax.logic.errors import listed
 from dvr_jax.scene.types import Scene
 

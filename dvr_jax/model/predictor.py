@@ -26,13 +26,13 @@ from jaxtyping import Float, Int
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import Grounding
 from dvr_jax.model.encoding import unfit_reason
-from dvr_jax.operators import Operator, ground_scene
 from dvr_jax.model.export import load_parameters
 from dvr_jax.model.images import SceneImages, scene_images
 from dvr_jax.model.metadata import Kind, NetworkMetadata
 from dvr_jax.model.network import NetworkParameters
 from dvr_jax.model.network_config import NetworkConfig
 from dvr_jax.model.scene_encoding import BATCH_SIZES, SceneEncoding, encode_scene, pad_rows, predict_rows
+from dvr_jax.operators import Operator, ground_scene
 from dvr_jax.scene.types import Scene
 
 SHIPPED = Path(__file__).parents[1] / "networks"

@@ -11,9 +11,9 @@ from jax import Array
 from jaxtyping import Float, Int, UInt8
 
 from dvr_jax.logic import Grounding
-from dvr_jax.operators import ground_scene
 from dvr_jax.model.encoding import ActionCodes, encode_actions, goal_tuple
 from dvr_jax.model.images import ImageStack
+from dvr_jax.operators import ground_scene
 from dvr_jax.scene.types import Scene
 
 
