@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from wrong_motions import Case
+from puppet import Case
 
 from dvr_jax.checker import motion_contacts
 from dvr_jax.checker.contacts import Contacts, contacts_of

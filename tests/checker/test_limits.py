@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from puppet import Case
 from scipy.spatial.transform import Rotation
-from wrong_motions import Case, changed, with_object
+from wrong_motions import changed, with_object
 
 from dvr_jax.checker import check_motion
 from dvr_jax.logic import Action
