@@ -170,25 +170,31 @@ class _Poses:
 def _all_poses(model: mujoco.MjModel, states: Float[np.ndarray, "states nq"]) -> _Poses:
     """Compute the forward kinematics of all states."""
     data = mujoco.MjData(model)
-    # MuJoCo writes every state's poses into the same arrays, so they are looked up once.
-    sources = (
-        data.xpos,
-        data.xmat,
-        data.site_xpos,
-        data.site_xmat,
-        data.geom_xpos,
-        data.geom_xmat,
+    number = len(states)
+    poses = _Poses(
+        body_positions=np.empty((number, model.nbody, 3)),
+        body_rotations=np.empty((number, model.nbody, 3, 3)),
+        site_positions=np.empty((number, model.nsite, 3)),
+        site_rotations=np.empty((number, model.nsite, 3, 3)),
+        geom_positions=np.empty((number, model.ngeom, 3)),
+        geom_rotations=np.empty((number, model.ngeom, 3, 3)),
     )
-    poses = [np.empty((len(states), *source.shape)) for source in sources]
+
+    # MuJoCo writes the poses of every state into the same arrays, so one look-up of each is enough.
+    copies = (
+        (poses.body_positions, data.xpos),
+        (poses.body_rotations, data.xmat.reshape(-1, 3, 3)),
+        (poses.site_positions, data.site_xpos),
+        (poses.site_rotations, data.site_xmat.reshape(-1, 3, 3)),
+        (poses.geom_positions, data.geom_xpos),
+        (poses.geom_rotations, data.geom_xmat.reshape(-1, 3, 3)),
+    )
     for index, qpos in enumerate(states):
         data.qpos[:] = qpos
         mujoco.mj_kinematics(model, data)
-        for kept, source in zip(poses, sources, strict=True):
+        for kept, source in copies:
             kept[index] = source
-
-    # Positions have three numbers, rotations nine.
-    matrices = [kept if kept.shape[2] == 3 else kept.reshape(*kept.shape[:2], 3, 3) for kept in poses]
-    return _Poses(*matrices)
+    return poses
 
 
 def _geom_label(model: mujoco.MjModel, geom: int) -> str:

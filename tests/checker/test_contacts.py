@@ -125,7 +125,7 @@ def test_what_penetrates_between_two_samples_is_found(turn: float) -> None:
             for pair, distance in distances(model, start + share * (end - start), 0.0).items():
                 truth[pair] = min(distance, truth.get(pair, np.inf))
         for pair, distance in truth.items():
-            # Depths of more than some centimetres are those of a local minimum.
+            # Depths of more than some centimeters are those of a local minimum.
             if -0.02 < distance < -STEP_LENGTH:
                 hits += distance < min(ends[pair] for ends in at_ends) - STEP_LENGTH / 2
                 assert deepest[pair] < distance + STEP_LENGTH / 2 + 2e-4, (pair, distance)
