@@ -35,14 +35,14 @@ from dvr_jax.checker.objects import (
     check_switch,
 )
 from dvr_jax.checker.operators import CHECKS, OperatorCheck
-from dvr_jax.checker.replayed_motion import ReplayedMotion, state_layout
+from dvr_jax.checker.replayed_motion import ReplayedMotion
 from dvr_jax.checker.report import CheckReport, FindingLog
 from dvr_jax.checker.timeline import attachment_timeline
 from dvr_jax.checker.tolerances import DEEPEST_CONTACT, QUATERNION_TOLERANCE
 from dvr_jax.errors import MotionError
 from dvr_jax.logic import Action
 from dvr_jax.motion.motion import Motion, validate_motion
-from dvr_jax.scene.mjcf import build_model, object_body_name
+from dvr_jax.scene.mjcf import build_model, object_body_name, qpos_layout
 from dvr_jax.scene.types import Scene
 
 __all__ = ["DEEPEST_CONTACT", "check_motion"]
@@ -102,7 +102,7 @@ def _validate_fit(scene: Scene, actions: Sequence[Action], motion: Motion) -> No
     """Refuse a motion whose arrays do not fit the scene and the actions."""
     validate_motion(motion)
 
-    layout = state_layout(scene)
+    layout = qpos_layout(scene)
     size = motion.qpos.shape[1]
     if size != layout.size:
         raise MotionError(

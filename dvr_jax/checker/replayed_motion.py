@@ -8,13 +8,8 @@ import numpy as np
 from jaxtyping import Float
 
 from dvr_jax.motion.motion import Motion
-from dvr_jax.scene.mjcf import Layout, qpos_layout
+from dvr_jax.scene.mjcf import qpos_layout
 from dvr_jax.scene.types import Scene
-
-
-def state_layout(scene: Scene) -> Layout:
-    """Return where each quantity lies in the states of a scene's motion."""
-    return qpos_layout(scene.workcell, len(scene.objects))
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,11 +49,11 @@ class ReplayedMotion:
 
     def joint_angles(self, arm: int) -> Float[np.ndarray, "samples joints"]:
         """Return the joint angles of an arm [rad]."""
-        return self.motion.qpos[:, state_layout(self.scene).arm_joints[arm]]
+        return self.motion.qpos[:, qpos_layout(self.scene).arm_joints[arm]]
 
     def finger_travels(self, arm: int) -> Float[np.ndarray, "samples 2"]:
         """Return the travels of both fingers of an arm, from closed [m]."""
-        return self.motion.qpos[:, state_layout(self.scene).fingers[arm]]
+        return self.motion.qpos[:, qpos_layout(self.scene).fingers[arm]]
 
     def object_in_gripper(
         self, index: int, arm: int

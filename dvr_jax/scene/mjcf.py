@@ -22,7 +22,6 @@ from dvr_jax.errors import DvrError
 from dvr_jax.scene.colours import GOAL_COLOUR, object_colours
 from dvr_jax.scene.pinhole import SCENE_CAMERA
 from dvr_jax.scene.types import FixedBody, Scene, SceneObject
-from dvr_jax.workcell.workcell import Workcell
 
 GOAL_GROUP, SOLID_GROUP, LOOKS_GROUP, COLLISION_GROUP = 0, 1, 2, 3
 """Geom groups, as listed in the module's docstring."""
@@ -63,8 +62,10 @@ class Layout:
         return int(self.arm_joints.size + self.fingers.size + self.objects.size)
 
 
-def qpos_layout(workcell: Workcell, number_of_objects: int) -> Layout:
-    """The layout of a scene in this workcell with so many objects."""
+def qpos_layout(scene: Scene) -> Layout:
+    """Layout of the state of a scene's model."""
+    workcell = scene.workcell
+    number_of_objects = len(scene.objects)
     joints = workcell.robot.number_of_joints
     arms = workcell.number_of_arms
     starts = np.arange(arms)[:, None] * (joints + 2)
@@ -83,7 +84,7 @@ def object_body_name(name: str) -> str:
 
 def home_qpos(scene: Scene, finger_travel: float | None = None) -> NDArray[np.float64]:
     """The scene's initial state (nq): home postures, open fingers, objects upright where they stand."""
-    layout = qpos_layout(scene.workcell, len(scene.objects))
+    layout = qpos_layout(scene)
     qpos = np.zeros(layout.size)
     qpos[layout.arm_joints] = scene.home
     qpos[layout.fingers] = scene.workcell.robot.finger_travel if finger_travel is None else finger_travel
@@ -120,7 +121,7 @@ def build_model_spec(scene: Scene) -> mujoco.MjSpec:
         _add_object(world, item, colour)
     _add_goal(world, scene)
     qpos = home_qpos(scene)
-    arms = qpos[: qpos_layout(scene.workcell, 0).size]  # one actuator a joint, in the joints' order
+    arms = qpos[: qpos_layout(scene).size - 7 * len(scene.objects)]  # one actuator a joint, in the joints' order
     spec.add_key(name="home", qpos=qpos, ctrl=arms)
     return spec
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from dvr_jax.logic import Action
 from dvr_jax.motion import Motion, make_motion
-from dvr_jax.scene.mjcf import build_model, home_qpos, qpos_layout
+from dvr_jax.scene.mjcf import Layout, build_model, home_qpos, qpos_layout
 from dvr_jax.scene.types import FixedBody, OnRegion, Region, Scene, SceneObject
 from dvr_jax.workcell.workcell import Workcell
 
@@ -19,6 +19,13 @@ OPEN = 0.04
 """Travel of an open finger [m]."""
 
 Floats = NDArray[np.float64]
+
+
+def layout_of(number_of_objects: int) -> Layout:
+    """Where each quantity lies in the states of the usual workcell with so many objects."""
+    item = SceneObject("yellow", "box", (0.05, 0.08, 0.10), (0.0, 0.0), 0.0)
+    objects = tuple(replace(item, name=str(number)) for number in range(number_of_objects))
+    return qpos_layout(Scene(objects, OnRegion("0", Region((0.0, 0.0), 0.0, (0.2, 0.2)))))
 
 
 @dataclass
@@ -34,7 +41,7 @@ class Puppet:
     def __post_init__(self) -> None:
         self.model = build_model(self.scene)
         self.data = mujoco.MjData(self.model)
-        self.layout = qpos_layout(self.scene.workcell, len(self.scene.objects))
+        self.layout = qpos_layout(self.scene)
         self.qpos = home_qpos(self.scene)
         self.arm_names = self.scene.workcell.arm_names
         self.limits = self.scene.workcell.robot.joint_limits

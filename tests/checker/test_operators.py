@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from puppet import OPEN, Case, Puppet, hand
+from puppet import OPEN, Case, Puppet, hand, layout_of
 from wrong_motions import changed, never_released, placed_tilted, with_object
 
 from dvr_jax import shapes
@@ -18,9 +18,7 @@ from dvr_jax.checker.shapes import shape as shape_registry
 from dvr_jax.checker.supports import check_standing
 from dvr_jax.errors import MotionError, SceneError
 from dvr_jax.logic import Action
-from dvr_jax.scene.mjcf import qpos_layout
 from dvr_jax.scene.types import OnRegion, Region, Scene, SceneObject
-from dvr_jax.workcell.workcell import DEFAULT_WORKCELL
 
 FINGER_RADIUS = 0.0105
 DOWN = (0.0, 0.0, -1.0)
@@ -157,7 +155,7 @@ def nudged(way: float) -> Case:
 
 
 OPERATORS = (*CHECKS, SUCTION_CHECK, NUDGE_CHECK)
-LAYOUT = qpos_layout(DEFAULT_WORKCELL, 1)
+LAYOUT = layout_of(1)
 
 
 def found(case: Case) -> set[tuple[str, tuple[str, ...]]]:

@@ -35,7 +35,7 @@ def test_any_workcell_is_checked(name: str) -> None:
 
     joint = LAST_JOINT[name]
     workcell = case.scene.workcell
-    column = qpos_layout(workcell, 1).arm_joints[workcell.arm_index(joint.split("/")[0]), -1]
+    column = qpos_layout(case.scene).arm_joints[workcell.arm_index(joint.split("/")[0]), -1]
 
     def jump(qpos: np.ndarray) -> None:
         qpos[-1, column] += 0.2
