@@ -119,7 +119,7 @@ def _single_pairs(model: mujoco.MjModel) -> _SinglePairs:
 
 
 def solid_geoms(model: mujoco.MjModel) -> Bool[np.ndarray, " geoms"]:
-    """Geoms that collide with others."""
+    """Find the geoms that collide with others."""
     return np.asarray((model.geom_contype & model.geom_conaffinity) > 0)
 
 

@@ -15,7 +15,7 @@ from dvr_jax.checker.kinds import (
     SWITCH_SPEED,
 )
 from dvr_jax.checker.operators.operator import AttachmentInterval, Timeline
-from dvr_jax.checker.replayed_motion import ReplayedMotion, state_layout
+from dvr_jax.checker.replayed_motion import ReplayedMotion
 from dvr_jax.checker.report import FindingLog
 from dvr_jax.checker.tolerances import (
     FINGER_TOLERANCE,
@@ -24,7 +24,7 @@ from dvr_jax.checker.tolerances import (
     SHIFT,
     SWITCH_JOINT_SPEED,
 )
-from dvr_jax.scene.mjcf import home_qpos
+from dvr_jax.scene.mjcf import home_qpos, qpos_layout
 from dvr_jax.workcell.robot import FINGERS
 
 
@@ -70,7 +70,7 @@ def check_fingers(motion: ReplayedMotion, log: FindingLog) -> None:
     workcell = motion.scene.workcell
     widest = workcell.robot.finger_travel
     fastest = ROUNDING * workcell.robot.finger_speed
-    home = home_qpos(motion.scene)[state_layout(motion.scene).fingers]
+    home = home_qpos(motion.scene)[qpos_layout(motion.scene).fingers]
 
     for arm, arm_name in enumerate(workcell.arm_names):
         for finger, travels in enumerate(motion.finger_travels(arm).T):

@@ -17,8 +17,8 @@ from dvr_jax.checker.contacts import Contacts, contacts_of, solid_geoms
 from dvr_jax.checker.dense_states import states_between
 
 STEP_LENGTH = 0.002
-"""Longest way that two geoms move relative to each other between two looks [m]. They penetrate deeper than is seen by
-at most half of it."""
+"""Longest way that two geoms move relative to each other between two states that are looked at [m]. Half of it is the
+largest depth by which a penetration in between exceeds what is seen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,8 +73,8 @@ def _farthest_move(
 ) -> Float[np.ndarray, "*batch"]:
     """Bound how far any point of a body moves.
 
-    A point at a distance r of the body's origin moves by at most ``|shift| + |turn| r / sqrt(2)``, because the Frobenius
-    norm of the difference of two rotations is sqrt(2) times the chord of their angle.
+    A point at a distance r from the body's origin moves by at most ``|shift| + |turn| r / sqrt(2)``: by an angle a it
+    turns along an arc of the chord ``2 r sin(a / 2)``, and the Frobenius norm is ``|turn| = sqrt(8) sin(a / 2)``.
 
     Args:
         shift: How far the body's origin moves [m].
@@ -84,7 +84,8 @@ def _farthest_move(
     Returns:
         The bound [m].
     """
-    return np.asarray(np.linalg.norm(shift, axis=-1) + np.linalg.norm(turn, axis=(-2, -1)) / np.sqrt(2) * radius)
+    chord = np.linalg.norm(turn, axis=(-2, -1)) / np.sqrt(2) * radius
+    return np.asarray(np.linalg.norm(shift, axis=-1) + chord)
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,10 +114,11 @@ def _pieces(
     reach: Float[np.ndarray, "steps geoms"],
     poses: GeomPoses,
 ) -> Int[np.ndarray, " steps"]:
-    """Number of pieces into which each step is divided, so that no two geoms can meet unseen within a piece.
+    """Find the number of pieces into which each step is divided, so that no geoms meet unseen within a piece.
 
-    In a step two geoms get as deep into each other as half of what their way is longer than the sum of their distances
-    at both ends, at most.
+    Let two geoms move by a way w relative to each other in a step, and be d and e apart at its two ends. Then they
+    penetrate by at most ``(w - d - e) / 2`` within the step. Where ``w - d - e > STEP_LENGTH``, the step is divided
+    into ``w / STEP_LENGTH`` pieces.
 
     Args:
         model: Model of the scene.

@@ -35,14 +35,14 @@ from dvr_jax.checker.objects import (
     check_switch,
 )
 from dvr_jax.checker.operators import CHECKS, OperatorCheck
-from dvr_jax.checker.replayed_motion import ReplayedMotion, state_layout
+from dvr_jax.checker.replayed_motion import ReplayedMotion
 from dvr_jax.checker.report import CheckReport, FindingLog
 from dvr_jax.checker.timeline import attachment_timeline
 from dvr_jax.checker.tolerances import DEEPEST_CONTACT, QUATERNION_TOLERANCE
 from dvr_jax.errors import MotionError
 from dvr_jax.logic import Action
 from dvr_jax.motion.motion import Motion, validate_motion
-from dvr_jax.scene.mjcf import build_model, object_body_name
+from dvr_jax.scene.mjcf import build_model, object_body_name, qpos_layout
 from dvr_jax.scene.types import Scene
 
 __all__ = ["DEEPEST_CONTACT", "check_motion"]
@@ -102,7 +102,7 @@ def _validate_fit(scene: Scene, actions: Sequence[Action], motion: Motion) -> No
     """Refuse a motion whose arrays do not fit the scene and the actions."""
     validate_motion(motion)
 
-    layout = state_layout(scene)
+    layout = qpos_layout(scene)
     size = motion.qpos.shape[1]
     if size != layout.size:
         raise MotionError(
@@ -170,25 +170,31 @@ class _Poses:
 def _all_poses(model: mujoco.MjModel, states: Float[np.ndarray, "states nq"]) -> _Poses:
     """Compute the forward kinematics of all states."""
     data = mujoco.MjData(model)
-    # MuJoCo writes every state's poses into the same arrays, so they are looked up once.
-    sources = (
-        data.xpos,
-        data.xmat,
-        data.site_xpos,
-        data.site_xmat,
-        data.geom_xpos,
-        data.geom_xmat,
+    number = len(states)
+    poses = _Poses(
+        body_positions=np.empty((number, model.nbody, 3)),
+        body_rotations=np.empty((number, model.nbody, 3, 3)),
+        site_positions=np.empty((number, model.nsite, 3)),
+        site_rotations=np.empty((number, model.nsite, 3, 3)),
+        geom_positions=np.empty((number, model.ngeom, 3)),
+        geom_rotations=np.empty((number, model.ngeom, 3, 3)),
     )
-    poses = [np.empty((len(states), *source.shape)) for source in sources]
+
+    # MuJoCo writes the poses of every state into the same arrays, so one look-up of each is enough.
+    copies = (
+        (poses.body_positions, data.xpos),
+        (poses.body_rotations, data.xmat.reshape(-1, 3, 3)),
+        (poses.site_positions, data.site_xpos),
+        (poses.site_rotations, data.site_xmat.reshape(-1, 3, 3)),
+        (poses.geom_positions, data.geom_xpos),
+        (poses.geom_rotations, data.geom_xmat.reshape(-1, 3, 3)),
+    )
     for index, qpos in enumerate(states):
         data.qpos[:] = qpos
         mujoco.mj_kinematics(model, data)
-        for kept, source in zip(poses, sources, strict=True):
+        for kept, source in copies:
             kept[index] = source
-
-    # Positions have three numbers, rotations nine.
-    matrices = [kept if kept.shape[2] == 3 else kept.reshape(*kept.shape[:2], 3, 3) for kept in poses]
-    return _Poses(*matrices)
+    return poses
 
 
 def _geom_label(model: mujoco.MjModel, geom: int) -> str:

@@ -7,16 +7,15 @@ import mujoco
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from wrong_motions import Case
+from puppet import Case, layout_of
 
 from dvr_jax.checker import motion_contacts
 from dvr_jax.checker.contacts import Contacts, contacts_of
 from dvr_jax.checker.dense_states import LARGEST_TURN, dense_states
 from dvr_jax.checker.motion_contacts import STEP_LENGTH, GeomPoses, find_contacts
 from dvr_jax.motion import make_motion
-from dvr_jax.scene.mjcf import COLLISION_GROUP, SOLID_GROUP, build_model, home_qpos, qpos_layout
+from dvr_jax.scene.mjcf import COLLISION_GROUP, SOLID_GROUP, build_model, home_qpos
 from dvr_jax.scene.types import OnRegion, Region, Scene, SceneObject
-from dvr_jax.workcell.workcell import DEFAULT_WORKCELL
 
 Floats = NDArray[np.float64]
 
@@ -37,7 +36,7 @@ def crowded_scene() -> Scene:
 def crowded_states(number: int, seed: int) -> Floats:
     """Random postures; the objects are in a heap somewhere before the left arm, the first one at its hand."""
     generator = np.random.default_rng(seed)
-    scene, layout = crowded_scene(), qpos_layout(DEFAULT_WORKCELL, 4)
+    scene, layout = crowded_scene(), layout_of(4)
     model = build_model(scene)
     data = mujoco.MjData(model)
     states = np.tile(home_qpos(scene), (number, 1))
@@ -106,7 +105,7 @@ def test_what_penetrates_between_two_samples_is_found(turn: float) -> None:
     """Against many states in between: less deep by half of `STEP_LENGTH` at most."""
     generator = np.random.default_rng(1)
     model = copy.copy(build_model(crowded_scene()))
-    layout = qpos_layout(DEFAULT_WORKCELL, 4)
+    layout = layout_of(4)
     hits = 0
     for start in crowded_states(50, 1):
         end = start.copy()
@@ -125,7 +124,7 @@ def test_what_penetrates_between_two_samples_is_found(turn: float) -> None:
             for pair, distance in distances(model, start + share * (end - start), 0.0).items():
                 truth[pair] = min(distance, truth.get(pair, np.inf))
         for pair, distance in truth.items():
-            # Depths of more than some centimetres are those of a local minimum.
+            # Depths of more than some centimeters are those of a local minimum.
             if -0.02 < distance < -STEP_LENGTH:
                 hits += distance < min(ends[pair] for ends in at_ends) - STEP_LENGTH / 2
                 assert deepest[pair] < distance + STEP_LENGTH / 2 + 2e-4, (pair, distance)

@@ -7,14 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from puppet import Case, layout_of
 from scipy.spatial.transform import Rotation
-from wrong_motions import Case, changed, with_object
+from wrong_motions import changed, with_object
 
 from dvr_jax.checker import check_motion
 from dvr_jax.logic import Action
 from dvr_jax.motion import Motion
-from dvr_jax.scene.mjcf import qpos_layout
-from dvr_jax.workcell.workcell import DEFAULT_WORKCELL
 
 Floats = NDArray[np.float64]
 
@@ -25,8 +24,8 @@ SPEED = [2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61]
 ACCELERATION = [15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0]
 FINGER_SPEED, FINGER_OPEN = 0.05, 0.04
 
-ONE = qpos_layout(DEFAULT_WORKCELL, 1)
-TWO = qpos_layout(DEFAULT_WORKCELL, 2)
+ONE = layout_of(1)
+TWO = layout_of(2)
 FIRST, CAN = TWO.objects
 """States of what is carried and of what stands by, in the cases that carry."""
 

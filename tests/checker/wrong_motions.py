@@ -5,15 +5,12 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from puppet import Case, layout_of
 
 from dvr_jax.logic import Action
 from dvr_jax.motion import Motion
-from dvr_jax.scene.mjcf import qpos_layout
-from dvr_jax.workcell.workcell import DEFAULT_WORKCELL
 
-Case = Any  # of conftest, which tests cannot import by name
-
-LAYOUT = qpos_layout(DEFAULT_WORKCELL, 2)
+LAYOUT = layout_of(2)
 YELLOW, CAN = LAYOUT.objects
 RIGHT_JOINT_7 = LAYOUT.arm_joints[1, 6]
 

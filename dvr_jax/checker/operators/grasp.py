@@ -1,8 +1,8 @@
 """The check of grasp(arm, face, object): a gripper closes on an object that stands or that another arm holds.
 
 At the switch the gripper center lies in the object, the closing axis is the normal of the named face, and the object
-fits between the fingers. For a cylinder, the closing axis is horizontal and passes through the cylinder's own axis. From
-the switch on the fingers are closed on the object's sides.
+fits between the fingers. For a cylinder, the closing axis is horizontal and passes through the cylinder's own axis.
+From the switch on the fingers are closed on the object's sides.
 """
 
 from __future__ import annotations
