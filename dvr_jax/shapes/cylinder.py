@@ -23,8 +23,7 @@ def _grip_width(size: Size, face: str) -> float:
 
 
 def _tangent_half_extent(size: Size, face: str) -> float:
-    """A closing axis passes through the cylinder's own axis, so there is no room beside it."""
-    return 0.0
+    return size[0]
 
 
 def _mujoco_geom(size: Size) -> tuple[str, list[float]]:
