@@ -17,6 +17,7 @@ from itertools import accumulate
 
 from dvr_jax.logic import Grounding, LogicError
 from dvr_jax.logic.errors import listed
+from dvr_jax.operators import ground_scene
 from dvr_jax.scene.types import Scene
 
 

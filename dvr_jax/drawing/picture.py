@@ -30,7 +30,7 @@ PICTURE_CAMERA = Pinhole(
 )
 """Shows all arms and the whole table, seen from the long side, in images 1.6 times as wide as high."""
 
-LAMP = np.array([-0.7, -2.2, 3.0])
+LAMP = (-0.7, -2.2, 3.0)
 """Position of the key lamp in the world [m]."""
 
 KEY = 0.58
@@ -150,7 +150,7 @@ def _shade(
     points = np.asarray(camera.position) + rays * hits.distance[hit][:, None]
 
     # Directions from the points to lamp and camera, and whether anything stands between point and lamp.
-    to_lamp = LAMP - points
+    to_lamp = np.asarray(LAMP) - points
     lamp_distance = np.linalg.norm(to_lamp, axis=1)
     to_lamp /= lamp_distance[:, None]
     to_camera = -rays / np.linalg.norm(rays, axis=1, keepdims=True)

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from numpy.typing import ArrayLike
 
 BORDER_TOLERANCE = 1e-9
 """A footprint that reaches over a border by no more counts as inside [m]: rounding must not decide."""
@@ -136,7 +135,10 @@ def contains_point(point: tuple[float, float], outer: Rectangle) -> bool:
     return bool(np.all(np.abs(_to_local(point, outer)) <= np.asarray(outer.half)))
 
 
-def _to_local(points: ArrayLike, rectangle: Rectangle) -> Float[np.ndarray, "... 2"]:
+def _to_local(
+    points: tuple[float, float] | Float[np.ndarray, "... 2"],
+    rectangle: Rectangle,
+) -> Float[np.ndarray, "... 2"]:
     """World points in the rectangle's own frame."""
     offsets = np.asarray(points, dtype=float) - np.asarray(rectangle.center)
     return np.asarray(offsets @ rectangle.axes().T)

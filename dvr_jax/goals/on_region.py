@@ -35,7 +35,10 @@ class OnRegion:
     """The object called `object` shall stand with its whole footprint on `region`."""
 
     object: str
+    """Name of the object."""
+
     region: Region
+    """Where it shall stand."""
 
     def facts(self) -> tuple[Fact, ...]:
         """The object is on the region."""

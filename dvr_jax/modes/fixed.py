@@ -12,7 +12,7 @@ from dvr_jax.modes.mode import Attachment
 
 def standing_pose(attached: Attachment) -> Float[Array, "4 *batch"]:
     """The initial pose: x, y, z [m] and yaw [rad]."""
-    return attached.initial_pose  # type: ignore[return-value]
+    return attached.initial_pose
 
 
 def pose_on_host(initial_pose: Float[np.ndarray, " 4"]) -> tuple[Rotation, Float[np.ndarray, " 3"]]:

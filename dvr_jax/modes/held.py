@@ -79,7 +79,7 @@ def poses(attached: Attachment, hands: HandPoses) -> HeldPoses:
         attached: How the objects are attached, batch axes (N, L).
         hands: Poses of the grippers.
     """
-    frame = materialize(grasp_frame(attached.parameters, attached.closing_yaw))  # type: ignore[arg-type]
+    frame = materialize(grasp_frame(attached.parameters, attached.closing_yaw))
     hand_R = hands.rotation[:, :, 0, None]
     hand_p = hands.position[:, 0, None]
     for arm in range(1, hands.position.shape[1]):

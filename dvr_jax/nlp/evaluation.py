@@ -129,7 +129,7 @@ def relative_violation(violations: Violations) -> Float[Array, "*batch"]:
     # On the host single lanes are judged, where NumPy is a hundred times faster.
     xp: Any = jnp if isinstance(ratios[0], jax.Array) else np
     largest = xp.stack(ratios).max(axis=0)
-    return xp.where(xp.isnan(largest), xp.inf, largest)  # type: ignore[no-any-return]
+    return xp.where(xp.isnan(largest), xp.inf, largest)
 
 
 def flatten(rows: Mapping[str, Array]) -> FlatResiduals:

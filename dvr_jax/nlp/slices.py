@@ -100,7 +100,7 @@ def measure(model: WorkcellModel, slices: Slices) -> SliceGeometry:
 
     objects = materialize(object_poses(slices.attached, hands))
     bodies = _all_bodies(slices, objects.rotation, objects.position)
-    distance, contacts = measure_contacts(model, starts, ends, objects, slices.attached.kind, bodies)  # type: ignore[arg-type]
+    distance, contacts = measure_contacts(model, starts, ends, objects, slices.attached.kind, bodies)
 
     columns = jnp.concatenate([screws, objects.twists.reshape(6, -1, L)], axis=1)
     return SliceGeometry(
@@ -195,8 +195,8 @@ def reduce_slices(
         weighted, gradient = materialize((J * penalty[:, None], -(J * estimate[:, None]).sum(2)))
         matrix = jnp.einsum("lip,ljp->lij", weighted, J)
         total = NormalEquations(
-            state.total.matrix.at[slices].add(matrix),
-            state.total.gradient.at[slices].add(gradient),
+            jnp.asarray(state.total.matrix).at[slices].add(matrix),
+            jnp.asarray(state.total.gradient).at[slices].add(gradient),
         )
         return _Sums(state.first + chunk_size, total)
 

@@ -14,7 +14,6 @@ from functools import lru_cache
 import mujoco
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int32
-from numpy.typing import ArrayLike
 
 from dvr_jax.errors import SceneError
 from dvr_jax.geometry.footprint import Rectangle
@@ -105,7 +104,7 @@ def render_depth(scene: Scene, width: int = 64, height: int = 64) -> DepthImage:
 
     for region in scene.goal.supports().values():
         radius = float(np.linalg.norm(region.half))
-        window = SCENE_CAMERA.window([*region.center, 0.0], radius, width, height)
+        window = SCENE_CAMERA.window((*region.center, 0.0), radius, width, height)
         goal_mask[window] |= _project_rectangle(region, SCENE_CAMERA, rays[window])
 
     return DepthImage(depth, object_masks, goal_mask)
@@ -167,7 +166,7 @@ def render_depth_of_state(
 def cast_rays(
     model: mujoco.MjModel,
     data: mujoco.MjData,
-    origin: ArrayLike,
+    origin: tuple[float, float, float],
     rays: Float[np.ndarray, "... 3"],
     groups: tuple[int, ...],
 ) -> RayHits:
@@ -176,7 +175,7 @@ def cast_rays(
     Args:
         model: The model.
         data: Its state, with the poses of the geoms computed.
-        origin: Point (3,) in the world where all rays start [m].
+        origin: Point in the world where all rays start [m].
         rays: Vectors of the rays in the world [m].
         groups: Groups of the geoms that can be met.
 

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from numpy.typing import ArrayLike
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +82,7 @@ class Pinhole:
 
     def window(
         self,
-        center: ArrayLike,
+        center: tuple[float, float, float],
         radius: float,
         width: int,
         height: int,
@@ -93,7 +92,7 @@ class Pinhole:
         The slopes of the rays to a ball lie between those to the corners of the slab that holds it.
 
         Args:
-            center: Center (3,) of the ball in the world [m].
+            center: Center of the ball in the world [m].
             radius: Radius of the ball [m].
             width: Width of the image [pixels].
             height: Height of the image [pixels].

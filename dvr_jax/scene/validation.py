@@ -78,6 +78,7 @@ def validate_scene(scene: Scene) -> None:
     Raises:
         SceneError: A rule is broken; the message names the first one.
     """
+    _require_constant(scene)
     validate_workcell(scene.workcell)
     if not 1 <= len(scene.objects) <= MAXIMUM_OBJECTS:
         raise SceneError(f"the scene has {len(scene.objects)} objects; valid are 1 to {MAXIMUM_OBJECTS}.")
@@ -95,6 +96,14 @@ def validate_scene(scene: Scene) -> None:
     _validate_goal(scene.goal, scene.workcell.table)
     _validate_overlaps(scene)
     _validate_room(scene)
+
+
+def _require_constant(scene: Scene) -> None:
+    """Models and solutions are kept by scene, so no part of a scene may change."""
+    try:
+        hash(scene)
+    except TypeError as error:
+        raise SceneError(f"a part of the scene can change ({error}); valid are tuples instead of lists.") from None
 
 
 def _validate_names(scene: Scene) -> None:

@@ -5,6 +5,7 @@ cannot move.
 """
 
 import math
+from functools import lru_cache
 from itertools import combinations
 
 from dvr_jax.errors import SceneError
@@ -49,8 +50,9 @@ THICKNESS_RANGE = (1e-3, 1.0)
 """Valid thicknesses of a table [m]."""
 
 
+@lru_cache(maxsize=64)
 def validate_workcell(workcell: Workcell) -> None:
-    """Check all rules of a workcell.
+    """Check all rules of a workcell; a valid one is checked only once.
 
     Raises:
         SceneError: A rule is broken; the message names the first one.
@@ -130,6 +132,7 @@ def base_footprints(arm: Arm, robot: Robot) -> tuple[Circle, Rectangle]:
     return Circle(arm.position, foot.radius), plate
 
 
+@lru_cache(maxsize=16)
 def base_height(robot: Robot) -> float:
     """Height of the highest capsule that does not move, above the table [m]."""
     capsules = robot.capsules

@@ -1,7 +1,7 @@
 """What a shape is: everything that the rest of the package needs to know about boxes, cylinders and their like.
 
-A shape is a value. Adding one means writing one file with a `Shape` and registering it; scene files, sampling, MuJoCo
-model, grasps, placements and pictures then know it.
+A shape is a value. Adding one means writing one file with a `Shape` and registering it; scene files, the MuJoCo model,
+grasps, placements and pictures then know it. Random scenes keep to boxes and cylinders.
 
 All shapes are *prisms* to the optimizer: half extents ``(hx, hy, hz)`` of a box whose horizontal outline is rounded
 outwards by ``r``. A box has ``r = 0``, an upright cylinder ``hx = hy = 0``; see `dvr_jax.geometry.distances`.
@@ -45,11 +45,11 @@ class Shape:
     """Extent along the closing axis of a gripper that grasps the body at a face."""
 
     tangent_half_extent: Callable[[Size, str], float]
-    """Half extent of a face along its horizontal tangent."""
+    """Half extent of the body along the horizontal tangent of a face."""
 
     has_faces: bool
-    """Whether the four faces can be told apart. Where they cannot, a grasp's closing axis passes through the body's own
-    axis, its yaw is free, and the grasp at +x stands for all four."""
+    """Whether the four faces can be told apart. Where they cannot, a grasp at +x has a free yaw and stands for all
+    four."""
 
     mujoco_geom: Callable[[Size], tuple[str, list[float]]]
     """MuJoCo's name of the geom type ("box", "cylinder", ...) and its size."""

@@ -255,7 +255,7 @@ def _as_array(value: float) -> np.ndarray:
 
 
 def _trial_points(states: SolverState) -> Variables:
-    return jax.tree.map(lambda x, step: np.asarray(x) + np.asarray(step), states.x, states.step)  # type: ignore[no-any-return]
+    return jax.tree.map(lambda x, step: np.asarray(x) + np.asarray(step), states.x, states.step)
 
 
 def _restart(states: SolverState, index: int, damping: float) -> None:

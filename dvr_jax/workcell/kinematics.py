@@ -52,8 +52,8 @@ def link_poses(model: WorkcellModel, bases: BasePoses, q: Float[Array, "joints a
     Returns:
         Poses of the links 0 (the base) to J.
     """
-    R = jnp.broadcast_to(bases.rotation, (3, 3, *q.shape[1:]))
-    p = jnp.broadcast_to(bases.position, (3, *q.shape[1:]))
+    R: Array = jnp.broadcast_to(bases.rotation, (3, 3, *q.shape[1:]))
+    p: Array = jnp.broadcast_to(bases.position, (3, *q.shape[1:]))
     rotations = [R]
     positions = [p]
     turns = materialize(_joint_rotations(model, q))

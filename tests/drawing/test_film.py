@@ -59,7 +59,7 @@ def test_film_refuses_actions_that_do_not_fit_the_motion(tmp_path: Path) -> None
 
 
 def test_animation_is_small_and_keeps_the_time(tmp_path: Path) -> None:
-    save_animation(tmp_path / "plan.gif", SCENE, swing(SCENE, 101, ()), frames_per_second=4)
+    save_animation(tmp_path / "plan.gif", SCENE, swing(SCENE, 101, ()), frames_per_second=4.0)
     with Image.open(tmp_path / "plan.gif") as animation:
         assert animation.format == "GIF" and animation.size == (320, 200) and animation.n_frames == 9
         milliseconds = []

@@ -174,10 +174,15 @@ def test_rays_outside_a_balls_window_miss_it() -> None:
     generator = np.random.default_rng(0)
     smaller = 0
     for _ in range(50):
-        camera = Pinhole(tuple(generator.normal(size=3)), tuple(generator.normal(size=3)), generator.uniform(0.3, 1.5))
-        center, radius = generator.normal(size=3), generator.uniform(0.05, 0.5)
+        camera = Pinhole(
+            tuple(generator.normal(size=3).tolist()),
+            tuple(generator.normal(size=3).tolist()),
+            generator.uniform(0.3, 1.5),
+        )
+        center = tuple(generator.normal(size=3).tolist())
+        radius = generator.uniform(0.05, 0.5)
         rays = camera.pixel_rays(80, 60)
-        towards = center - camera.position
+        towards = np.subtract(center, camera.position)
         along = np.maximum((rays @ towards) / (rays**2).sum(-1), 0)
         met = np.linalg.norm(along[..., None] * rays - towards, axis=-1) <= radius
         window = camera.window(center, radius, 80, 60)

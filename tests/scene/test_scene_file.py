@@ -377,3 +377,14 @@ def test_scenes_that_differ_in_the_last_bit_are_one() -> None:
         assert not are_equal_but_for_rounding(scene, scene_from_json(changed(path, value))), path
     fewer = Scene(scene.objects[:1], scene.goal)
     assert not are_equal_but_for_rounding(scene, fewer) and not are_equal_but_for_rounding(fewer, scene)
+
+
+def test_lists_in_a_scene_are_refused() -> None:
+    scene = scene_from_json(json.dumps(RECORD))
+    arms = [Arm("arm", [0.0, -0.4], 0.0)]  # type: ignore[arg-type]
+    for broken in (
+        replace(scene, objects=list(scene.objects)),  # type: ignore[arg-type]
+        replace(scene, workcell=Workcell(tuple(arms))),
+    ):
+        with pytest.raises(SceneError, match=r"unhashable type: 'list'.*valid are tuples instead of lists"):
+            validate_scene(broken)

@@ -104,7 +104,9 @@ def documents(draw: st.DrawFn) -> dict[str, Any]:
         elif change == "remove":
             del place[last]
         elif isinstance(place, dict):
-            place[draw(st.sampled_from(["mass", "home", "fixed", "workcell", "table"]))] = copy.deepcopy(draw(odd_values))
+            place[draw(st.sampled_from(["mass", "home", "fixed", "workcell", "table"]))] = copy.deepcopy(
+                draw(odd_values)
+            )
         if not places(document):
             break
     return document

@@ -84,11 +84,11 @@ def _both_attachments(problems: Problem, m: Array) -> Attachment:
     item = jnp.asarray(problems.switched_object)
 
     def attach(phases: slice) -> Attachment:
-        of_item = (
+        kind, parent, action = (
             jnp.take_along_axis(value[:, phases], item[..., None], axis=2)
             for value in (problems.mode_kind, problems.mode_parent, problems.mode_action)
         )
-        found = attachments(problems, m, *of_item, item=item)
+        found = attachments(problems, m, kind, parent, action, item)
         return jax.tree.map(lambda value: value.reshape(*value.shape[:-3], 1, B * K), found)
 
     old = attach(slice(0, K))
@@ -144,10 +144,10 @@ def _add_to_system(
     weighted_joints = by_joints * active_penalty[..., None]
     weighted_parameters = by_parameters * active_penalty[..., None]
     return parts._replace(
-        blocks=parts.blocks.at[last].add(jnp.einsum("kri,krj->kij", weighted_joints, by_joints)),
-        border=parts.border.at[last].add(jnp.einsum("kri,krj->kij", weighted_joints, by_parameters)),
+        blocks=jnp.asarray(parts.blocks).at[last].add(jnp.einsum("kri,krj->kij", weighted_joints, by_joints)),
+        border=jnp.asarray(parts.border).at[last].add(jnp.einsum("kri,krj->kij", weighted_joints, by_parameters)),
         corner=parts.corner + jnp.einsum("kri,krj->ij", weighted_parameters, by_parameters),
-        gradient_q=parts.gradient_q.at[last].add(jnp.einsum("kri,kr->ki", by_joints, multiplier_estimate)),
+        gradient_q=jnp.asarray(parts.gradient_q).at[last].add(jnp.einsum("kri,kr->ki", by_joints, multiplier_estimate)),
         gradient_m=parts.gradient_m + jnp.einsum("kri,kr->i", by_parameters, multiplier_estimate),
     )
 
