@@ -11,7 +11,6 @@ import mujoco
 import numpy as np
 import pytest
 
-
 README = Path(__file__).parents[1] / "README.md"
 
 

@@ -53,7 +53,14 @@ def run(
     environment: Mapping[str, str] = MappingProxyType({}),
 ) -> int:
     """Number of times that the function was traced in a process of its own, whose result is right."""
-    environment = {"DVR_JAX_CACHE": str(folder), "JAX_PLATFORMS": "cpu", "PATH": "", **environment}
+    tested = Path(dvr_jax.__file__).parents[1]
+    environment = {
+        "DVR_JAX_CACHE": str(folder),
+        "JAX_PLATFORMS": "cpu",
+        "PATH": "",
+        "PYTHONPATH": str(tested),
+        **environment,
+    }
     code = CODE.format(before=before, between=between, module=module)
     command = [sys.executable, "-c", code, str(out)]  # which looks for modules where it runs, before PYTHONPATH
     done = subprocess.run(command, env=environment, cwd=out.parent, capture_output=True, text=True)
@@ -99,7 +106,7 @@ def test_edited_sources_are_another_program_and_those_read_before_the_edit_are_n
     kept: Path, tmp_path: Path
 ) -> None:
     copy = tmp_path / "dvr_jax"
-    shutil.copytree(Path(dvr_jax.__file__).parent, copy, ignore=shutil.ignore_patterns("networks", "__pycache__"))
+    shutil.copytree(Path(dvr_jax.__file__).parent, copy, ignore=shutil.ignore_patterns("*.npz", "*.png", "__pycache__"))
     environment = {"PYTHONPATH": str(tmp_path), "PYTHONDONTWRITEBYTECODE": "1"}
     assert run(kept, tmp_path / "out.npy", environment=environment) == 0
     edit = f"open({str(copy / 'errors.py')!r}, 'a').write('# edited')"
