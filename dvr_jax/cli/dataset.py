@@ -22,7 +22,7 @@ class DatasetOptions:
     """Count the labels and training targets of folders of shards."""
 
     data: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """Files of labelled sequences (*.parquet), or folders of them."""
+    """Files of labeled sequences (*.parquet), or folders of them."""
 
     completions: int = 3
     """Number of continuations drawn of each refuted prefix."""
@@ -39,7 +39,7 @@ class RepackOptions:
     """Write the shards of folders in the present layout; scenes, labels, options and versions stay the same."""
 
     folders: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """Folders of labelled sequences (*.parquet)."""
+    """Folders of labeled sequences (*.parquet)."""
 
 
 class _Row(NamedTuple):
@@ -78,7 +78,7 @@ def count(options: DatasetOptions) -> None:
         _Row("  of these known", drawn.known_zeros, ""),
         _Row("targets 0 of first actions", drawn.first_zeros, ""),
         _Row("  of these known", drawn.known_first_zeros, ""),
-        _Row("infeasible, labelled one by one", labels.infeasible, ""),
+        _Row("infeasible, labeled one by one", labels.infeasible, ""),
         _Row("refuted prefixes", labels.refuted_prefixes, ""),
         _Row(f"infeasible up to length {options.k_max} by both", known_infeasible, ""),
     ]

@@ -1,4 +1,4 @@
-"""Examples: what is labelled is there as it is, what is drawn lies under a refuted prefix and reaches the goal."""
+"""Examples: what is labeled is there as it is, what is drawn lies under a refuted prefix and reaches the goal."""
 
 import hashlib
 import json
@@ -146,8 +146,8 @@ def test_counts(examples: Examples) -> None:
     assert counts.first_zeros == zeros[:, 0].sum() and counts.known_first_zeros == (zeros & known)[:, 0].sum()
 
 
-def test_all_continuations_and_none_labelled_otherwise(tmp_path: Path) -> None:
-    """Nested prefixes and a labelled continuation: with no bound on their number, each continuation is there once."""
+def test_all_continuations_and_none_labeled_otherwise(tmp_path: Path) -> None:
+    """Nested prefixes and a labeled continuation: with no bound on their number, each continuation is there once."""
     scenes, _ = synthetic(0, 1, rows=0)
     grounding = ground(scenes[0])
     every = [s for length in range(1, 5) for s in enumerate_sequences(grounding, length)]
