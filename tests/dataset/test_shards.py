@@ -86,7 +86,6 @@ def test_bytes_per_row(tmp_path: Path) -> None:
     """
     scenes, labels = synthetic(0, 100)
     info = write_shard(tmp_path / "a.parquet", scenes, labels, OPTIONS)
-    print(info.path.stat().st_size / len(labels))
     assert info.path.stat().st_size < 5 * len(labels)
 
 
