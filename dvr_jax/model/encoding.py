@@ -49,7 +49,7 @@ SYMBOLS: tuple[Symbol, ...] = (
 
 _CODES = {symbol: code for code, symbol in enumerate(SYMBOLS)}
 
-_PLACES_ON_GOAL = frozenset(symbol for symbol in SYMBOLS if symbol[0] == "place" and symbol[2] == "goal")
+_PLACES_ON_GOAL = frozenset(product(("place",), TRAINED_ARMS, ("goal",)))
 
 _REVERSED_IN_X = {
     **dict(zip(TRAINED_ARMS, reversed(TRAINED_ARMS), strict=True)),
@@ -226,4 +226,5 @@ def input_signature() -> str:
 
     A network with another signature was trained on other actions.
     """
-    return hashlib.sha256(repr((domain_signature(), SYMBOLS)).encode()).hexdigest()[:16]
+    meaning = repr((domain_signature(), SYMBOLS))
+    return hashlib.sha256(meaning.encode()).hexdigest()[:16]

@@ -73,7 +73,8 @@ class Predictor:
     def checksum(self) -> str:
         """Checksum of the parameters, which distinguishes networks."""
         leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(self.parameters)]
-        return hashlib.sha256(b"".join(leaf.tobytes() for leaf in leaves)).hexdigest()[:16]
+        content = b"".join(leaf.tobytes() for leaf in leaves)
+        return hashlib.sha256(content).hexdigest()[:16]
 
     @property
     def size(self) -> NetworkConfig:
@@ -106,7 +107,8 @@ class Predictor:
             DvrError: The images do not fit the network and the scene, or the network does not know an action.
         """
         if grounding is None:
-            grounding = ground_actions([item.name for item in scene.objects], scene.goal.object)
+            names = [item.name for item in scene.objects]
+            grounding = ground_actions(names, scene.goal.object)
         if images is None:
             images = self.render(scene)
         self._check_images(images, scene)
@@ -138,14 +140,19 @@ class Predictor:
         one_state = hidden.shape == (1, encoding.hidden_size)
         probabilities = np.empty(len(chosen), np.float32)
         after = np.empty((len(chosen), encoding.hidden_size), np.float32)
+
         for first in range(0, len(chosen), BATCH_SIZES[-1]):
             rows = slice(first, min(first + BATCH_SIZES[-1], len(chosen)))
             count = rows.stop - first
             size = next(size for size in BATCH_SIZES if size >= count)
-            before = hidden if one_state else pad_rows(hidden[rows], size)
-            result = predict_rows(self.parameters, encoding.input_gates, before, pad_rows(chosen[rows], size))
-            probabilities[rows] = np.asarray(result[0])[:count]
-            after[rows] = np.asarray(result[1])[:count]
+            some_probabilities, some_after = predict_rows(
+                self.parameters,
+                encoding.input_gates,
+                hidden if one_state else pad_rows(hidden[rows], size),
+                pad_rows(chosen[rows], size),
+            )
+            probabilities[rows] = np.asarray(some_probabilities)[:count]
+            after[rows] = np.asarray(some_after)[:count]
         return probabilities, after
 
     def _check_images(self, images: SceneImages, scene: Scene) -> None:

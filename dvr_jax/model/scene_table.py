@@ -58,7 +58,8 @@ def build_scene_table(scenes: Sequence[Scene], images: ImageStack) -> SceneTable
     groundings: list[Grounding] = []
     codes: list[ActionCodes] = []
     for scene in scenes:
-        grounding = ground_actions([item.name for item in scene.objects], scene.goal.object)
+        names = [item.name for item in scene.objects]
+        grounding = ground_actions(names, scene.goal.object)
         groundings.append(grounding)
         codes.append(encode_actions(grounding, scene.objects))
 
