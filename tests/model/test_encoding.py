@@ -6,8 +6,17 @@ import numpy as np
 import pytest
 
 from dvr_jax.errors import DvrError
-from dvr_jax.logic import Action, Grounding, ground_actions
-from dvr_jax.model.encoding import SYMBOLS, direction, encode_actions, input_signature, object_pairs
+from dvr_jax.logic import ground_actions
+from dvr_jax.logic.grounding import Action, Grounding
+from dvr_jax.model.encoding import (
+    SYMBOLS,
+    actions_per_object,
+    direction,
+    encode_actions,
+    input_signature,
+    object_pairs,
+    tuples_per_object,
+)
 from dvr_jax.scene.types import SceneObject
 
 
@@ -21,6 +30,7 @@ def test_symbols_do_not_depend_on_the_number_of_objects(number: int) -> None:
     grounding = ground_actions(names, names[-1])
     codes = encode_actions(grounding, boxes(*names))
     assert set(codes.symbol) == set(range(12)) and len(codes.symbol) == 12 * number
+    assert (actions_per_object(), tuples_per_object()) == (12, 2)
     assert codes.pairs.shape == (2 * number, 2) and len({tuple(pair) for pair in codes.pairs}) == 2 * number
     assert (
         len({(symbol, *codes.pairs[i]) for symbol, i in zip(codes.symbol, codes.tuple_index, strict=True)})
