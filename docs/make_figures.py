@@ -177,7 +177,9 @@ def make_path() -> None:
         left.plot(motion.time, motion.qpos[:, 9 + joint], label=f"joint {joint + 1}", linewidth=1.3)
     for number, sample in enumerate(motion.switch, start=1):
         left.axvline(motion.time[sample], color=SOFT, linewidth=0.8, linestyle=":")
-        left.text(motion.time[sample], 1.01, f"action {number}", transform=left.get_xaxis_transform(), ha="right", fontsize=8)
+        left.text(
+            motion.time[sample], 1.01, f"action {number}", transform=left.get_xaxis_transform(), ha="right", fontsize=8
+        )
     left.set(xlabel="time [s]", ylabel="angle of the right arm [rad]", xlim=(0, motion.time[-1]))
     left.legend(ncols=7, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.14), frameon=False, columnspacing=1)
 
@@ -240,7 +242,9 @@ def make_check() -> None:
         model = mujoco.MjModel.from_xml_path(f"{folder}/scene.xml")
     depths = 1000 * deepest_contacts(model, result.motion.qpos)
 
-    figure, (top, bottom) = plt.subplots(2, 1, figsize=(9, 4.2), height_ratios=(2, 1), sharex=True, layout="constrained")
+    figure, (top, bottom) = plt.subplots(
+        2, 1, figsize=(9, 4.2), height_ratios=(2, 1), sharex=True, layout="constrained"
+    )
     top.fill_between(result.motion.time, depths, color=LINE, alpha=0.35, linewidth=0)
     top.plot(result.motion.time, depths, color=LINE, linewidth=1)
     top.axhline(3.0, color=GOAL, linewidth=1.2)

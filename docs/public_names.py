@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import inspect
 
-import dvr_jax
 from docutils import nodes
 from docutils.parsers.rst import Directive
 from docutils.statemachine import StringList
 from sphinx.application import Sphinx
+
+import dvr_jax
 
 KINDS = (
     ("Functions", "autofunction"),
