@@ -10,6 +10,7 @@ from docutils.nodes import Element, TextElement, reference
 from sphinx.addnodes import pending_xref
 from sphinx.application import Sphinx
 from sphinx.environment import BuildEnvironment
+from sphinx.pycode import ModuleAnalyzer
 from sphinx.util import logging
 
 import dvr_jax
@@ -78,6 +79,23 @@ def resolve_by_public_name(
     return link
 
 
+def document_value(app: Sphinx, what: str, name: str, value: object, options: object, lines: list[str]) -> None:
+    """Give a public value the docstring below its assignment, in place of the docstring of its type."""
+    if what != "data":
+        return
+    short_name = name.rpartition(".")[2]
+    lines.clear()
+
+    for module in sorted(sys.modules):
+        if module.startswith("dvr_jax.") and getattr(sys.modules[module], short_name, None) is value:
+            analyzer = ModuleAnalyzer.for_module(module)
+            analyzer.analyze()
+            lines += analyzer.attr_docs.get(("", short_name), [])
+        if lines:
+            return
+    LOGGER.warning("the public value %s has no docstring below its assignment", name)
+
+
 def require_hanging_indents(
     app: Sphinx, what: str, name: str, value: object, options: object, lines: list[str]
 ) -> None:
@@ -103,5 +121,6 @@ def require_hanging_indents(
 def setup(app: Sphinx) -> None:
     """Register the handlers."""
     app.connect("missing-reference", resolve_by_public_name)
+    app.connect("autodoc-process-docstring", document_value, priority=300)
     # Before napoleon, which rewrites the sections at priority 500.
     app.connect("autodoc-process-docstring", require_hanging_indents, priority=400)
