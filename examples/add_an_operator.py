@@ -8,7 +8,7 @@ import dvr_jax as dvr
 
 # An operator is one value: its logic, its phrase, its mode switch and its proposals are fields of it.
 for operator in dvr.OPERATORS:
-    print(operator)
+    print(f"{operator.name}: {operator.phrase}")
 
 # Every action of a plan is an instance of one of them, and has a text form that is accepted in place of an action.
 action = dvr.Action.parse("grasp(left, +x, yellow)")
