@@ -30,11 +30,10 @@ from dvr_jax.scene.sampling import (
     ShapeChoice,
     scene_of_seed,
 )
-from dvr_jax.scene.types import Scene
+from dvr_jax.scene.types import MAXIMUM_OBJECTS, Scene
 from dvr_jax.search.searches import GUIDED, SEARCHES
-from dvr_jax.search.session import EXHAUSTED
+from dvr_jax.search.status import PlanStatus
 from dvr_jax.search.warm import warm_up
-from dvr_jax.workcell.constants import MAXIMUM_OBJECTS
 
 
 @dataclass(frozen=True)
@@ -118,7 +117,7 @@ def _plan_one(options: ScenesOptions, index: int) -> SceneResult:
     return SceneResult(
         scene=index,
         status=result.status,
-        action_descriptions=result.words,
+        action_descriptions=result.action_descriptions,
         seconds=result.seconds,
         nlps=result.nlps,
         verdicts=result.verdicts,
@@ -188,7 +187,7 @@ def run(arguments: list[str]) -> int:
     )
 
     solved = [result for result in results if result.solved]
-    exhausted = sum(result.status == EXHAUSTED for result in results)
+    exhausted = sum(result.status == PlanStatus.EXHAUSTED for result in results)
     passed = sum(result.passed for result in solved)
     late = len(results) - len(solved) - exhausted
     print(f"solved {len(solved)} ({len(solved) / len(results):.0%}); pass the independent check: {passed}")

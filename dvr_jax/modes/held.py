@@ -1,9 +1,10 @@
 r"""The mode of an object in a gripper: rigidly attached to it.
 
-Parameters: ``m = (tangent, height, pitch, yaw)`` place the gripper in the object's frame, ``T_object_hand``. With the yaw
-``phi = closing_yaw + m[3]`` of the closing axis, the closing axis (hand y) is ``n = (cos phi, sin phi, 0)``, the horizontal
-tangent of the face is ``u = z x n``, the approach (hand z) is ``sin(pitch) u - cos(pitch) z`` (pitch 0: straight down), and
-the gripper's center is ``m[0] u + m[1] z``: in the object's middle between the fingers, as a parallel gripper takes it.
+Parameters: ``m = (tangent, height, pitch, yaw)`` place the gripper in the object's frame, ``T_object_hand``. With the
+yaw ``phi = closing_yaw + m[3]`` of the closing axis, the closing axis (hand y) is ``n = (cos phi, sin phi, 0)``, the
+horizontal tangent of the face is ``u = z x n``, the approach (hand z) is ``sin(pitch) u - cos(pitch) z`` (pitch 0:
+straight down), and the gripper's center is ``m[0] u + m[1] z``: in the object's middle between the fingers, as a
+parallel gripper takes it.
 
 The object's pose in the world follows from the hand's:
 

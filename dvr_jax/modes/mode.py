@@ -75,8 +75,8 @@ class ObjectPoses(NamedTuple):
     """Centers of the objects [m]."""
 
     twists: Float[Array, "6 4 objects slices"]
-    """For each mode parameter the object's world twist at unit rate: angular velocity, then the velocity of the point at
-    the world's origin."""
+    """For each mode parameter the object's world twist at unit rate: angular velocity, then the velocity of the point
+    at the world's origin."""
 
     held: Bool[Array, "arms objects slices"]
     """True where an arm holds the object, which then moves with all joints of that arm."""

@@ -1,7 +1,7 @@
 """The mode of an object that an action has placed: upright on the table, wherever the parameters say.
 
-Parameters: ``m = (x, y, yaw, -)``, the object's center [m] and yaw [rad] in the world; the fourth is pinned to zero. The
-center's height is half the object's height.
+Parameters: ``m = (x, y, yaw, -)``, the object's center [m] and yaw [rad] in the world; the fourth is pinned to zero.
+The center's height is half the object's height.
 """
 
 from __future__ import annotations

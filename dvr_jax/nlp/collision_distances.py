@@ -1,10 +1,10 @@
 """Signed distances of everything that can touch, for many slices at once, and the contact wrenches of chosen rows.
 
-Rows are those of `dvr_jax.nlp.collision_rows`. A row that does not count in a slice (an object and the hand that holds it,
-two bodies that stand where the scene has them, an absent object) has the distance `FAR` and a zero wrench.
+Rows are those of `dvr_jax.nlp.collision_rows`. A row that does not count in a slice (an object and the hand that holds
+it, two bodies that stand where the scene has them, an absent object) has the distance `FAR` and a zero wrench.
 
-A capsule's distance to a body is expensive, and nearly all of them are far: there a lower bound is taken in its place, that
-of the capsule's bounding sphere (`NEAR`).
+A capsule's distance to a body is expensive, and nearly all of them are far: there a lower bound is taken in its place,
+that of the capsule's bounding sphere (`NEAR`).
 """
 
 from __future__ import annotations
@@ -39,8 +39,9 @@ FAR = 1.0
 """Distance given to rows that do not count [m]."""
 
 NEAR = 0.03
-"""A capsule's bounding sphere that is farther than this from a body stands for the capsule [m]. Such a row is active only
-while its multiplier exceeds the penalty times this, which takes penetrations at updates that add up to as much."""
+"""A capsule's bounding sphere that is farther than this from a body stands for the capsule [m]. Such a row is active
+only while its multiplier exceeds the penalty times this, which takes penetrations at updates that add up to as
+much."""
 
 
 class Segments(NamedTuple):

@@ -59,8 +59,8 @@ class Counts:
     """NLP solves (starts count singly): "pose", "sequence", "path"."""
 
     verdicts: Counter[str] = field(default_factory=Counter)
-    """Prefixes judged, by bound, including those that a candidate proved feasible or the scene refuted; "leaf": sequences
-    that reach the goal and were considered."""
+    """Prefixes judged, by bound, including those that a candidate proved feasible or the scene refuted; "leaf":
+    sequences that reach the goal and were considered."""
 
     feasible: Counter[str] = field(default_factory=Counter)
     """Those of the verdicts that say feasible."""

@@ -1,11 +1,11 @@
 """Starts for the keyframe NLP: a beam of candidates that is extended action by action along the tree of sequences.
 
-The NLP has local minima (which way the elbow points, from which side the gripper comes, where on the table an object is put),
-and one start near the home posture misses most feasible problems. So every prefix of a sequence keeps a *beam*: a few
-candidates, each of them joint angles at each switch and mode parameters that meet all switch constraints exactly, by
-closed-form inverse kinematics, ranked by how deep things penetrate. The beam of a child is sampled from its parent's:
-proposals of mode parameters (`dvr_jax.operators`), inverse kinematics, distances, and the best are kept with a handicap for
-siblings. Sequences with a common prefix share its beam.
+The NLP has local minima (which way the elbow points, from which side the gripper comes, where on the table an object
+is put), and one start near the home posture misses most feasible problems. So every prefix of a sequence keeps a
+*beam*: a few candidates, each of them joint angles at each switch and mode parameters that meet all switch constraints
+exactly, by closed-form inverse kinematics, ranked by how deep things penetrate. The beam of a child is sampled from
+its parent's: proposals of mode parameters (`dvr_jax.operators`), inverse kinematics, distances, and the best are kept
+with a handicap for siblings. Sequences with a common prefix share its beam.
 
 Candidates propose. One that touches nothing is a feasible point by itself
 (`dvr_jax.search.node_solver.CERTIFIED_PENETRATION`); in all other cases the NLP decides.
@@ -163,7 +163,8 @@ def held_beam(problem: Problem, k_max: int, seed: int) -> KeyframeBeam:
 
 
 def random_shape(model: WorkcellModel) -> tuple[int, int, int]:
-    """Shape of the uniform numbers that one extension takes: for the proposals, then for the free joints of two arms."""
+    """Shape of the uniform numbers that one extension takes: for the proposals, then for the free joints of two
+    arms."""
     free = len(model.structure.inverse_kinematics.free_joints)
     return (UNIFORM_NUMBERS + 2 * FREE_ANGLE_SAMPLES * free, BEAM_WIDTH, PROPOSALS)
 

@@ -1,12 +1,13 @@
 """Forward kinematics of all arms, their joint screws, and their collision capsules.
 
 Notation: J joints and C capsules an arm, A arms, L slices. Link frame i (1..J) moves with joints 0..i-1, link 0 is the
-base. With the constant rotation ``R_i`` and offset ``p_i`` of link i + 1 in link i, and ``Rot_z(q_i)`` the turn of joint i,
+base. With the constant rotation ``R_i`` and offset ``p_i`` of link i + 1 in link i, and ``Rot_z(q_i)`` the turn of
+joint i,
 
     R_world_{i+1} = R_world_i R_i Rot_z(q_i),        p_world_{i+1} = p_world_i + R_world_i p_i.
 
-Poses (`dvr_jax.geometry.vectors`) have batch axes ``(A, L)``. All constants come as a `WorkcellModel`, which is read from
-the robot's MJCF, so simulation and optimizer cannot drift apart.
+Poses (`dvr_jax.geometry.vectors`) have batch axes ``(A, L)``. All constants come as a `WorkcellModel`, which is read
+from the robot's MJCF, so simulation and optimizer cannot drift apart.
 """
 
 from __future__ import annotations
