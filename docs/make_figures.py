@@ -24,12 +24,12 @@ matplotlib.use("agg")
 import matplotlib.pyplot as plt
 import mujoco
 import numpy as np
-from dvr_jax.drawing.animation import save_animation
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyBboxPatch, Polygon
 
 import dvr_jax as dvr
+from dvr_jax.drawing.animation import save_animation
 from dvr_jax.model.images import depth_images
 from dvr_jax.scene.camera import render_depth
 

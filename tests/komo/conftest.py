@@ -7,10 +7,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from dvr_jax.nlp.constraints import ConstraintValues, Jacobians, collect, lay_out
 from komo_cases import Case, Floats, make_case
 
 from dvr_jax.nlp.collision_rows import arm_signs
-from dvr_jax.nlp.constraints import ConstraintValues, Jacobians, collect, lay_out
 from dvr_jax.nlp.problem import Problem, Variables
 from dvr_jax.nlp.slices import SliceGeometry, distance_jacobian, measure
 

@@ -5,14 +5,14 @@ from dataclasses import dataclass
 
 import jax
 import numpy as np
+from dvr_jax.nlp.constraints import collect, lay_out
+from dvr_jax.nlp.tolerances import Violations, measure_violations
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from dvr_jax.logic import Action
-from dvr_jax.nlp.constraints import collect, lay_out
 from dvr_jax.nlp.problem import FIXED, PLACED, Problem, Variables
 from dvr_jax.nlp.slices import measure
-from dvr_jax.nlp.tolerances import Violations, measure_violations
 from dvr_jax.nlp.transcription import transcribe
 from dvr_jax.scene.files import Goal, Region, SceneObject, make_scene
 from dvr_jax.solver.banded import BorderedSystem

@@ -4,12 +4,12 @@ from itertools import combinations, product
 
 import mujoco
 import numpy as np
+from dvr_jax.workcell.constants import ARM_NAMES
 from komo_cases import SCENE, Case, Floats, pose_in_mode
 from scipy.spatial.transform import Rotation
 
 from dvr_jax.nlp.collision_rows import ABOVE_TABLE, CROSS_PAIRS, SELF_PAIRS
 from dvr_jax.scene.mjcf import CAPSULE_NAMES, build_home_data, build_model_spec, object_body_name, qpos_layout
-from dvr_jax.workcell.constants import ARM_NAMES
 
 Names = tuple[str, str]
 

@@ -8,12 +8,12 @@ from itertools import islice
 import mujoco
 import numpy as np
 import pytest
+from dvr_jax.nlp.tolerances import REST_TOLERANCE
 from scipy.interpolate import PchipInterpolator
 
 from dvr_jax.bench.recall import PROBLEMS, judge_prefix, read_problems
 from dvr_jax.checker import CheckReport
 from dvr_jax.checker.replay import DEEPEST_CONTACT, check_motion
-from dvr_jax.nlp.tolerances import REST_TOLERANCE
 from dvr_jax.nlp.transcription import transcribe
 from dvr_jax.planning import path_motion as interpolation
 from dvr_jax.planning.path_motion import interpolate

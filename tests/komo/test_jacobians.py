@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from dvr_jax.nlp.constraints import ConstraintValues
 from komo_cases import Floats
 from komo_replay import Replay, build_replay_model, object_pairs
 
-from dvr_jax.nlp.constraints import ConstraintValues
 from dvr_jax.nlp.problem import PARAMETERS
 
 STEP = 1e-5

@@ -5,8 +5,6 @@ from functools import partial
 import jax
 import numpy as np
 import pytest
-from komo_cases import Floats, written_out
-
 from dvr_jax.nlp.lagrangian import (
     EQUALITIES,
     FlatResiduals,
@@ -19,9 +17,11 @@ from dvr_jax.nlp.lagrangian import (
     scales,
     unpack,
 )
+from dvr_jax.nlp.tolerances import rest_steps
+from komo_cases import Floats, written_out
+
 from dvr_jax.nlp.problem import Problem, Variables
 from dvr_jax.nlp.slices import reduce_slices
-from dvr_jax.nlp.tolerances import rest_steps
 from dvr_jax.solver.augmented_lagrangian import forces, update_multipliers
 from dvr_jax.solver.banded import BorderedSystem
 from dvr_jax.workcell.kinematics import load_arm

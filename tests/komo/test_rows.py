@@ -5,6 +5,7 @@ from itertools import product
 import mujoco
 import numpy as np
 import pytest
+from dvr_jax.workcell.constants import ARM_NAMES, FINGER_OPEN, JOINT_LOWER, JOINT_UPPER
 from komo_cases import SCENE, Floats, pose_in_mode
 from komo_replay import Replay, arm_pairs, build_replay_model, object_pairs
 from scipy.spatial.transform import Rotation
@@ -13,7 +14,6 @@ from dvr_jax.nlp.collision_distances import FAR, NEAR
 from dvr_jax.nlp.collision_rows import HOLDING_CAPSULES, number_of_rows
 from dvr_jax.nlp.problem import FIXED, HELD_LEFT, HELD_RIGHT
 from dvr_jax.scene.mjcf import CAPSULE_NAMES, build_home_data, object_body_name, qpos_layout
-from dvr_jax.workcell.constants import ARM_NAMES, FINGER_OPEN, JOINT_LOWER, JOINT_UPPER
 
 RELATIVE, ABSOLUTE = 1e-6, 1e-9
 

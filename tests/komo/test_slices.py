@@ -7,12 +7,12 @@ from typing import Any
 import jax
 import numpy as np
 import pytest
+from dvr_jax.nlp.constraints import lay_out
 
 from dvr_jax.geometry.distances import capsule_prism
 from dvr_jax.modes.poses import Attachment
 from dvr_jax.nlp.collision_distances import FAR, NEAR
 from dvr_jax.nlp.collision_rows import arm_signs
-from dvr_jax.nlp.constraints import lay_out
 from dvr_jax.nlp.slices import PUSHING_ROWS, Slices, distance_jacobian, measure, reduce_slices
 from dvr_jax.runtime import batch_sizes as batch_sizes
 from dvr_jax.runtime.batch_sizes import ACCELERATOR, CPU, BatchSizes

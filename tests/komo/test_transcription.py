@@ -5,6 +5,7 @@ import math
 import jax
 import numpy as np
 import pytest
+from dvr_jax.workcell.constants import TABLE_HALF_EXTENTS
 from komo_cases import SCENE, grasp, place
 
 from dvr_jax.errors import DvrError
@@ -12,7 +13,6 @@ from dvr_jax.logic import Action
 from dvr_jax.nlp.problem import ABSENT, FIXED, HELD_LEFT, HELD_RIGHT, PLACED, Problem
 from dvr_jax.nlp.transcription import ATTRACTION, GRASP_MARGIN, PITCH_LIMIT, grip_width, refute, transcribe
 from dvr_jax.scene.files import Goal, Region, SceneObject, make_scene
-from dvr_jax.workcell.constants import TABLE_HALF_EXTENTS
 
 LEFT, RIGHT = HELD_LEFT, HELD_RIGHT
 

@@ -3,11 +3,11 @@
 import jax
 import numpy as np
 import pytest
+from dvr_jax.nlp.constraints import ConstraintValues
+from dvr_jax.nlp.tolerances import Violations, measure_violations
 from komo_cases import SCENE, Floats, grasp, place
 
-from dvr_jax.nlp.constraints import ConstraintValues
 from dvr_jax.nlp.problem import Problem, Variables
-from dvr_jax.nlp.tolerances import Violations, measure_violations
 from dvr_jax.nlp.transcription import transcribe
 from dvr_jax.workcell.kinematics import load_arm
 

@@ -4,10 +4,10 @@ from collections.abc import Iterator
 
 import mujoco
 import numpy as np
+from dvr_jax.workcell.constants import JOINT_LOWER, JOINT_UPPER
 from numpy.typing import NDArray
 
 from dvr_jax.scene.mjcf import build_home_data, qpos_layout
-from dvr_jax.workcell.constants import JOINT_LOWER, JOINT_UPPER
 
 Floats = NDArray[np.float64]
 

@@ -7,10 +7,10 @@ import mujoco
 import numpy as np
 import pytest
 from arm_states import Floats, sample_postures, set_postures
+from dvr_jax.workcell.constants import ARM_NAMES, JOINT_LOWER, JOINT_UPPER
 
 from dvr_jax.scene.files import Goal, Region, SceneObject, make_scene
 from dvr_jax.scene.mjcf import build_model
-from dvr_jax.workcell.constants import ARM_NAMES, JOINT_LOWER, JOINT_UPPER
 from dvr_jax.workcell.panda.inverse_kinematics import BRANCHES, arm_angles
 
 SCENE = make_scene(

@@ -7,9 +7,6 @@ import mujoco
 import numpy as np
 import pytest
 from arm_states import POSTURES, Floats, as_arms, matrices, sample_postures, set_postures, vectors
-
-from dvr_jax.scene.files import Goal, Region, SceneObject, make_scene
-from dvr_jax.scene.mjcf import CAPSULE_NAMES, build_model, qpos_layout
 from dvr_jax.workcell.constants import (
     ARM_NAMES,
     FINGER_OPEN,
@@ -20,6 +17,9 @@ from dvr_jax.workcell.constants import (
     JOINT_VELOCITY,
     MAXIMUM_OPENING,
 )
+
+from dvr_jax.scene.files import Goal, Region, SceneObject, make_scene
+from dvr_jax.scene.mjcf import CAPSULE_NAMES, build_model, qpos_layout
 from dvr_jax.workcell.kinematics import base_pose, capsule_segments, hand_pose, joint_screws, link_poses, load_arm
 
 SCENE = make_scene(
