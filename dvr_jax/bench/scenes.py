@@ -29,11 +29,13 @@ from dvr_jax.scene.sampling import (
     SceneDistribution,
     ShapeChoice,
     scene_of_seed,
+    validate_request,
 )
 from dvr_jax.scene.types import MAXIMUM_OBJECTS, Scene
 from dvr_jax.search.searches import GUIDED, SEARCHES
 from dvr_jax.search.status import PlanStatus
 from dvr_jax.search.warm import warm_up
+from dvr_jax.workcell.workcell import named_workcell
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,10 @@ class ScenesOptions:
     """Shapes of the objects."""
     cubes: float = DEFAULT_DISTRIBUTION.cube_share
     """Share of the boxes that are small cubes, which one arm cannot hand to the other in the air."""
+    workcell: str = "facing"
+    """facing (the paper's), facing-1.0, facing-1.6, side-by-side or single."""
+    fixed: tuple[int, int] = DEFAULT_DISTRIBUTION.fixed_bodies
+    """Least and largest number of fixed bodies in a scene."""
     seed: int = 1
     """Of the scenes. The shipped networks were trained on seeds 100 to 102."""
     search: str = "mbts"
@@ -83,6 +89,9 @@ class ScenesOptions:
         if not self.time_limit > 0:
             raise DvrError(f"--time-limit is {self.time_limit}; valid is a positive number.")
 
+        validate_request(self.objects, SceneDistribution(fixed_bodies=self.fixed))
+        named_workcell(self.workcell)
+
         if self.search not in SEARCHES:
             raise DvrError(f"there is no search '{self.search}'; valid: {', '.join(SEARCHES)}.")
         if self.search not in GUIDED and self.network is not None:
@@ -90,8 +99,8 @@ class ScenesOptions:
 
 
 def _scene(options: ScenesOptions, index: int) -> Scene:
-    distribution = SceneDistribution(shape=options.shape, cube_share=options.cubes)
-    return scene_of_seed(options.seed, index, options.objects, distribution)
+    distribution = SceneDistribution(shape=options.shape, cube_share=options.cubes, fixed_bodies=options.fixed)
+    return scene_of_seed(options.seed, index, options.objects, distribution, named_workcell(options.workcell))
 
 
 @lru_cache(maxsize=1)
