@@ -68,7 +68,6 @@ class _Wrist(NamedTuple):
 
     x6: Vector
     y6: Vector
-    _z6: Vector
     to_shoulder: Vector
     """S - O6 [m]."""
 
@@ -167,11 +166,11 @@ def _place_wrist(lengths: _Lengths, R: Rotation, p: Vector, q7: Array) -> _Wrist
     x7, z7, center = materialize((x7, R[2], p))
     y7 = cross(z7, x7)
     c7, s7 = materialize((jnp.cos(q7), jnp.sin(q7)))
-    x6, _z6 = materialize((c7 * x7 - s7 * y7, s7 * x7 + c7 * y7))
+    x6 = materialize(c7 * x7 - s7 * y7)
 
     O6 = materialize(center - lengths.reach * z7 - lengths.wrist * x6)
     to_shoulder = materialize(jnp.stack([-O6[0], -O6[1], lengths.shoulder_height - O6[2]]))
-    return _Wrist(x6, -z7, _z6, to_shoulder)
+    return _Wrist(x6, -z7, to_shoulder)
 
 
 def _close_triangle(lengths: _Lengths, to_shoulder: Vector) -> _Triangle:
@@ -210,7 +209,7 @@ def _fold_forearm(lengths: _Lengths, wrist: _Wrist, triangle: _Triangle) -> _Elb
 
     side = jnp.asarray([1.0, -1.0], c6.dtype)[:, None]
     c6, s6 = materialize((c6 * cosine - side * s6 * sine, s6 * cosine + side * c6 * sine))
-    x6, y6, _z6, to_shoulder = (vector[:, None] for vector in wrist)
+    x6, y6, to_shoulder = (vector[:, None] for vector in wrist)
     z5, x5 = materialize((s6 * x6 + c6 * y6, c6 * x6 - s6 * y6))
     beta = jnp.where(jnp.abs(triangle.beta) < 1e-9, 1e-9, triangle.beta)
     x4 = materialize((to_shoulder - triangle.alpha * z5) / beta)
