@@ -1,4 +1,4 @@
-"""The layout of a shard's columns (schema version 2): about 400 bytes a scene with 300 labels.
+"""The layout of a shard's columns (schema version 2): about 400 bytes a scene with 450 labels.
 
 One row a scene, so that a scene is stored once and a scene without labels has its place too:
 
