@@ -1,34 +1,42 @@
-"""What a particle proves holds in the NLP: keyframes whose violation is that of a witness are within all tolerances."""
+"""What a candidate proves holds in the NLP: keyframes that hardly penetrate are within all tolerances."""
 
+import jax
 import numpy as np
 import pytest
-from komo_cases import violations_of
+from solver_cases import violations_of
 
-from dvr_jax.bench.recall import PROBLEMS, read_problems
+from dvr_jax.bench.problems import read_problems
+from dvr_jax.modes.mode import ModeKind
+from dvr_jax.nlp.evaluation import relative_violation
 from dvr_jax.nlp.problem import Variables
 from dvr_jax.nlp.transcription import transcribe
+from dvr_jax.operators import OPERATORS, operator_of
 from dvr_jax.search.node_solver import CERTIFIED_PENETRATION
-from dvr_jax.seeds.keyframe_beam import case_of, empty_prefix
-from dvr_jax.solver.lane_pool import extend_beams, stack
+from dvr_jax.seeds.beam_batches import BeamTask, extend_beams
+from dvr_jax.seeds.keyframe_beam import empty_beam
+from dvr_jax.workcell.model import workcell_model
 
 
 @pytest.mark.parametrize("length", [2, 4])
-def test_witnesses_are_feasible_keyframes(length: int) -> None:
+def test_candidates_that_do_not_penetrate_are_feasible_keyframes(length: int) -> None:
     """Of prefixes that random starts have found feasible: grasps, handovers and places of two boxes."""
-    cases: set[str] = set()
+    proposals: set[str] = set()
     proved = 0
-    for scene, actions, row in read_problems(PROBLEMS):
+    for scene, actions, row in read_problems():
         if row["kind"] != "keyframes" or row["length"] != length or not row["feasible"]:
             continue
-        particles = empty_prefix(len(scene.objects), length)
+        model = workcell_model(scene.workcell)
+        beam = empty_beam(len(scene.objects), length, scene.workcell.number_of_joints)
         for number in range(1, length + 1):
             problem = transcribe(scene, actions[:number])
-            particles = extend_beams([particles], [problem], 3, [1])[0]
-            item = problem.switched_object[number - 1]
-            cases.add(case_of(int(problem.attachment[number - 1, item]), actions[number - 1].operator == "grasp"))
-        x = Variables(particles.q.astype(float), particles.m.astype(float))
-        violations = violations_of(stack([problem] * len(x.q)), x)
-        witness = particles.violation <= CERTIFIED_PENETRATION
-        assert (np.asarray(violations.ratio())[witness] <= 1).all(), actions
-        proved += int(witness.sum())
-    assert proved > 50 and cases == {"grasp", "handover", "place"}
+            before = ModeKind(int(problem.mode_kind[number - 1, problem.switched_object[number - 1]]))
+            proposal = operator_of(actions[number - 1], OPERATORS).proposal(before)
+            (beam,) = extend_beams(model, [BeamTask(beam, problem, proposal)], [1], 3)
+            proposals.add(proposal.name)
+        x = Variables(beam.q.astype(float), beam.m.astype(float))
+        problems = jax.tree.map(lambda leaf, copies=len(x.q): np.stack([leaf] * copies), problem)
+        violations = violations_of(model, problems, x)
+        is_proof = beam.violation <= CERTIFIED_PENETRATION
+        assert (np.asarray(relative_violation(violations))[is_proof] <= 1).all(), actions
+        proved += int(is_proof.sum())
+    assert proved > 50 and proposals == {"grasp", "handover", "place"}
