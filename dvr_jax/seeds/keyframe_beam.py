@@ -13,6 +13,7 @@ Candidates propose. One that touches nothing is a feasible point by itself
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import jax
@@ -229,7 +230,8 @@ def _reach(model: WorkcellModel, step: BeamStep, arm: Array, R: Rotation, p: Vec
         return repeated.reshape(*leading, -1)
 
     local_R, local_p = materialize((flat(local_R), flat(local_p)))
-    q, failure = kinematics.solve(model, local_R, local_p, free.reshape(len(free), -1))
+    lanes = number * math.prod(shape)
+    q, failure = kinematics.solve(model, local_R, local_p, free.reshape(len(free), lanes))
     q = q.reshape(len(q), kinematics.branches * number, *shape)
     failure = failure.reshape(kinematics.branches * number, *shape)
 

@@ -121,7 +121,7 @@ def test_a_killed_writer_leaves_no_half_shard(when: str, tmp_path: Path) -> None
     path = tmp_path / "a.parquet"
     write_shard(path, *synthetic(0, 1, rows=5), OPTIONS)
     before = path.read_bytes()
-    program = WRITER.format(tests=str(Path(__file__).parent), path=str(path), when=when)
+    program = WRITER.format(tests=str(Path(__file__).parents[1] / "support"), path=str(path), when=when)
     environment = os.environ | {"PYTHONPATH": os.getcwd()}
     ended = subprocess.run([sys.executable, "-c", program], timeout=60, env=environment, check=False)
     assert ended.returncode == -signal.SIGKILL

@@ -9,7 +9,7 @@ import pytest
 from jaxtyping import Float
 
 from dvr_jax.errors import DvrError
-from dvr_jax.logic import FACES, enumerate_sequences
+from dvr_jax.logic import enumerate_sequences
 from dvr_jax.model import predictor as predictor_module
 from dvr_jax.model import scene_encoding
 from dvr_jax.model.encoding import SYMBOLS, direction
@@ -22,6 +22,7 @@ from dvr_jax.model.predictor import SHIPPED, Predictor, load_network
 from dvr_jax.model.scene_encoding import BATCH_SIZES
 from dvr_jax.scene.camera import empty_depth, render_depth
 from dvr_jax.scene.sampling import SceneDistribution, sample_scenes
+from dvr_jax.shapes import FACES
 
 PARAMETERS = initial_parameters(NetworkConfig(image_size=16, channels=(2, 3, 3), dense=9, hidden=13), 4)
 PREDICTOR = Predictor(PARAMETERS, NetworkMetadata("dvr", PARAMETERS.config))
