@@ -127,8 +127,12 @@ def _check(motion: ReplayedMotion, timeline: Timeline, interval: AttachmentInter
     approach = to_object @ motion.gripper_rotations[interval.start, arm][:, 2]
     log.add(TILT, interval.start, names, float(np.arctan2(np.hypot(*approach[:2]), -approach[2])), 0.02)
 
-    travels = motion.finger_travels(arm)[interval.start : interval.end].max(axis=1)
-    log.add_worst(FINGERS, interval.start, names, travels, 1e-3)
+    # The fingers may open just before the interval ends, once the action that ends it has secured the object.
+    travels = motion.finger_travels(arm).max(axis=1)
+    following = timeline.after(interval)
+    if following is not None:
+        travels = np.where(following.operator.secured(motion, following), 0.0, travels)
+    log.add_worst(FINGERS, interval.start, names, travels[interval.start : interval.end], 1e-3)
 
 
 SUCTION_CHECK = OperatorCheck("suction", (ARM, OBJECT), _refusal, _attachment, _check)
