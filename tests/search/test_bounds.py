@@ -16,12 +16,12 @@ from dvr_jax.planning.feasibility import passes_check
 from dvr_jax.scene.sampling import SceneDistribution, scene_of_seed
 from dvr_jax.scene.types import OnRegion, Region, Scene, SceneObject
 from dvr_jax.search.node import Node
-from dvr_jax.search.node_solver import CERTIFIED_PENETRATION, PATH_STARTS
+from dvr_jax.search.node_solver import PATH_STARTS
 from dvr_jax.search.session import SearchSession
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import run_alone
 from dvr_jax.seeds.initial_paths import keyframe_start
-from dvr_jax.seeds.keyframe_beam import BEAM_WIDTH
+from dvr_jax.seeds.keyframe_beam import BEAM_WIDTH, CERTIFIED_PENETRATION
 from dvr_jax.solver.augmented_lagrangian import Settings
 from dvr_jax.solver.lane_pool import solve
 

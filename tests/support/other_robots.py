@@ -70,7 +70,7 @@ SIX_JOINTS_MJCF = """
           <geom class="visual" pos="0 -0.2 0"/>
           <body name="link3" pos="0 -0.42 0">
             <joint name="joint3" range="-2.6 2.6"/>
-            <geom name="forearm_collision" fromto="0 0 0 0 -0.35 0" size="0.045"/>
+            <geom name="forearm_collision" fromto="0 0 0 0 -0.32 0" size="0.045"/>
             <geom class="visual" pos="0 -0.2 0"/>
             <body name="link4" pos="0 -0.40 0" euler="1.5707963267948966 0 0">
               <joint name="joint4" range="-3.1 3.1"/>
@@ -80,7 +80,7 @@ SIX_JOINTS_MJCF = """
                 <geom class="visual"/>
                 <body name="link6" euler="1.5707963267948966 0 0">
                   <joint name="joint6" range="-3.1 3.1"/>
-                  <geom name="flange_collision" fromto="0 0 0.055 0 0 0.09" size="0.045"/>
+                  <geom name="flange_collision" fromto="0 0 0.07 0 0 0.09" size="0.04"/>
                   <geom class="visual" pos="0 0 0.06"/>
                   <body name="hand" pos="0 0 0.107">
                     <geom name="hand_collision" fromto="0 -0.073 0.033 0 0.073 0.033" size="0.036"/>
