@@ -1,6 +1,6 @@
 """Imports go one way: a package imports only from those above it in the list, and so do the tests of a package.
 
-The imports are read from the syntax trees, so those inside functions count too; those under ``if TYPE_CHECKING`` do not.
+The imports are read from the syntax trees, so those inside functions count; those under ``if TYPE_CHECKING`` do not.
 """
 
 import ast

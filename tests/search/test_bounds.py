@@ -124,7 +124,8 @@ def test_with_nothing_left_out_the_pose_bound_is_the_sequence_bound() -> None:
 
 
 CUBE = Scene(
-    (SceneObject("a", "box", (0.028, 0.026, 0.03), (-0.3, 0.1), 0.3),), OnRegion("a", Region((0.45, 0.1), 0.0, (0.1, 0.1)))
+    (SceneObject("a", "box", (0.028, 0.026, 0.03), (-0.3, 0.1), 0.3),),
+    OnRegion("a", Region((0.45, 0.1), 0.0, (0.1, 0.1))),
 )
 """A cube that two grippers cannot hold at once, and that the right arm alone can put on its region."""
 

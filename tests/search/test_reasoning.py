@@ -14,8 +14,8 @@ from dvr_jax.logic import Action, Grounding, enumerate_sequences
 from dvr_jax.scene.types import OnRegion, Region, Scene, SceneObject
 from dvr_jax.search.node import Node
 from dvr_jax.search.reasoning import DISCOUNT, GROWTH, LARGEST_BATCH, THRESHOLD
-from dvr_jax.search.session import Outcome, SearchSession
 from dvr_jax.search.searches import steps_of
+from dvr_jax.search.session import Outcome, SearchSession
 from dvr_jax.search.status import PlanStatus
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import Steps, run_alone

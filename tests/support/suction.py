@@ -1,4 +1,4 @@
-"""The operator suction(arm, object), which only tests define: a hand with closed fingers holds an object by its top face.
+"""The operator suction(arm, object), defined only in tests: a closed hand holds an object by its top face.
 
 Everything that the package has to know of it stands here: its PDDL text, its geometry, its proposals, and its half in
 the independent check. Objects that are too wide for the gripper can be moved by it.
