@@ -53,9 +53,9 @@ def lane_counts(tasks: Sequence[BeamTask]) -> list[int]:
     return [1 if counts[key] <= sizes.few else sizes.beam_lanes for key in keys]
 
 
-def _program_key(task: BeamTask) -> tuple[str, int]:
+def _program_key(task: BeamTask) -> tuple[Proposal, int]:
     """How the last action is sampled, and how many actions are before it: one call serves what is equal in both."""
-    return task.proposal.name, number_of_phases(task.problem) - 1
+    return task.proposal, number_of_phases(task.problem) - 1
 
 
 def extend_beams(
@@ -69,7 +69,7 @@ def extend_beams(
         lanes: The tasks' `lane_counts`.
         seed: Of the sample.
     """
-    groups: dict[tuple[tuple[str, int], int], list[int]] = {}
+    groups: dict[tuple[tuple[Proposal, int], int], list[int]] = {}
     for index, (task, count) in enumerate(zip(tasks, lanes, strict=True)):
         groups.setdefault((_program_key(task), count), []).append(index)
 

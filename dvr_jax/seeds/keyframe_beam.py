@@ -7,8 +7,8 @@ exactly, by closed-form inverse kinematics, ranked by how deep things penetrate.
 its parent's: proposals of mode parameters (`dvr_jax.operators`), inverse kinematics, distances, and the best are kept
 with a handicap for siblings. Sequences with a common prefix share its beam.
 
-Candidates propose. One that touches nothing is a feasible point by itself
-(`dvr_jax.search.node_solver.CERTIFIED_PENETRATION`); in all other cases the NLP decides.
+Candidates propose. One that touches nothing is a feasible point by itself (`CERTIFIED_PENETRATION`); in all other cases
+the NLP decides.
 """
 
 from __future__ import annotations
@@ -55,6 +55,10 @@ FREE_ANGLE_SAMPLES = 3
 
 HOME_DISTANCE_WEIGHT = 0.01
 """Cost of the squared distance of a posture from home [1/rad^2]; it ranks postures that reach their pose."""
+
+CERTIFIED_PENETRATION = 5e-4
+"""A candidate whose penetrations sum up to at most this proves its prefix's keyframes feasible: it meets all other
+constraints exactly [m]."""
 
 UNREACHABLE = 10.0
 """Stands for the violation of a proposal without inverse kinematics [m]."""

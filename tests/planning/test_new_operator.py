@@ -9,8 +9,10 @@ from add_an_operator import SUCTION, SUCTION_CHECK
 
 from dvr_jax.checker import CHECKS
 from dvr_jax.checker.replay import check_motion
-from dvr_jax.errors import DvrError, MotionError
+from dvr_jax.errors import DvrError, MotionError, OptionError
+from dvr_jax.model.predictor import load_network
 from dvr_jax.operators import OPERATORS
+from dvr_jax.planning.check import check
 from dvr_jax.planning.feasibility import feasibility
 from dvr_jax.planning.planner import plan
 from dvr_jax.planning.result import Plan
@@ -40,7 +42,7 @@ def test_a_box_too_wide_for_the_gripper_is_moved(lifted: Plan) -> None:
     assert [action.operator for action in lifted.actions] == ["suction", "place"]
     assert lifted.action_descriptions == ("left lifts crate by its top face", "left places crate on goal")
     assert lifted.motion is not None
-    assert check_motion(SCENE, lifted.actions, lifted.motion, WITH_CHECK).passed
+    assert check(SCENE, lifted.actions, lifted.motion, WITH_CHECK).passed
 
     # It hangs below a closed gripper while it is held.
     layout = qpos_layout(SCENE)
@@ -87,6 +89,11 @@ def test_the_shipped_network_gives_way_to_a_search_that_knows_the_operator() -> 
     assert len(about_the_network) == 1
     assert about_the_network[0].startswith("the shipped network does not fit: ")
     assert "suction" in about_the_network[0] and about_the_network[0].endswith("mbts searches in its place")
+
+
+def test_a_given_network_that_does_not_know_the_operator_is_refused() -> None:
+    with pytest.raises(OptionError, match=r"the network does not fit: .*suction"):
+        plan(SCENE, "dvr", k_max=2, network=load_network("dvr"), operators=WITH_SUCTION, checks=WITH_CHECK)
 
 
 @pytest.mark.slow

@@ -16,12 +16,12 @@ from dvr_jax.planning.feasibility import passes_check
 from dvr_jax.scene.sampling import SceneDistribution, scene_of_seed
 from dvr_jax.scene.types import OnRegion, Region, Scene, SceneObject
 from dvr_jax.search.node import Node
-from dvr_jax.search.node_solver import CERTIFIED_PENETRATION, PATH_STARTS
+from dvr_jax.search.node_solver import PATH_STARTS
 from dvr_jax.search.session import SearchSession
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import run_alone
 from dvr_jax.seeds.initial_paths import keyframe_start
-from dvr_jax.seeds.keyframe_beam import BEAM_WIDTH
+from dvr_jax.seeds.keyframe_beam import BEAM_WIDTH, CERTIFIED_PENETRATION
 from dvr_jax.solver.augmented_lagrangian import Settings
 from dvr_jax.solver.lane_pool import solve
 
@@ -124,7 +124,8 @@ def test_with_nothing_left_out_the_pose_bound_is_the_sequence_bound() -> None:
 
 
 CUBE = Scene(
-    (SceneObject("a", "box", (0.028, 0.026, 0.03), (-0.3, 0.1), 0.3),), OnRegion("a", Region((0.45, 0.1), 0.0, (0.1, 0.1)))
+    (SceneObject("a", "box", (0.028, 0.026, 0.03), (-0.3, 0.1), 0.3),),
+    OnRegion("a", Region((0.45, 0.1), 0.0, (0.1, 0.1))),
 )
 """A cube that two grippers cannot hold at once, and that the right arm alone can put on its region."""
 

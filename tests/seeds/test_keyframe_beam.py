@@ -11,9 +11,8 @@ from dvr_jax.nlp.evaluation import relative_violation
 from dvr_jax.nlp.problem import Variables
 from dvr_jax.nlp.transcription import transcribe
 from dvr_jax.operators import OPERATORS, operator_of
-from dvr_jax.search.node_solver import CERTIFIED_PENETRATION
 from dvr_jax.seeds.beam_batches import BeamTask, extend_beams
-from dvr_jax.seeds.keyframe_beam import empty_beam
+from dvr_jax.seeds.keyframe_beam import CERTIFIED_PENETRATION, empty_beam
 from dvr_jax.workcell.model import workcell_model
 
 

@@ -107,7 +107,9 @@ def _iterate(example: Example, settings: Settings, lane: SolverState) -> SolverS
 # Each program runs for milliseconds: optimizing it takes longer than it saves.
 @partial(jax.jit, static_argnums=0, compiler_options={"xla_backend_optimization_level": 0})
 def _run(example: Example, settings: Settings, lane: SolverState) -> SolverState:
-    return jax.lax.while_loop(lambda lane: lane.status == SolverStatus.RUNNING, partial(_iterate, example, settings), lane)
+    return jax.lax.while_loop(
+        lambda lane: lane.status == SolverStatus.RUNNING, partial(_iterate, example, settings), lane
+    )
 
 
 def _solved(number: int, settings: Settings) -> tuple[SolverState, float]:

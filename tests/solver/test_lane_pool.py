@@ -27,7 +27,11 @@ def test_solutions_do_not_depend_on_the_batch() -> None:
     starts = [random_keyframes(problem, generator) for problem in problems]
     settings = Settings(iteration_limit=30)
     together = solve(MODEL, problems, starts, settings)
-    assert {result.status for result in together} <= {SolverStatus.FEASIBLE, SolverStatus.STAGNATED, SolverStatus.ITERATION_LIMIT}
+    assert {result.status for result in together} <= {
+        SolverStatus.FEASIBLE,
+        SolverStatus.STAGNATED,
+        SolverStatus.ITERATION_LIMIT,
+    }
     assert len({result.iterations for result in together}) > 2
     for index in (0, 13, 74):
         (alone,) = solve(MODEL, [problems[index]], [starts[index]], settings)
@@ -81,7 +85,9 @@ def test_feasible_means_that_the_returned_point_is_within_the_tolerances() -> No
     assert 3 < sum(result.feasible for result in results) < 27
     points = Variables(np.stack([result.q for result in results]), np.stack([result.m for result in results]))
     measured = violations_of(MODEL, stack(problems), points)
-    np.testing.assert_array_equal(np.asarray(relative_violation(measured)) <= 1, [result.feasible for result in results])
+    np.testing.assert_array_equal(
+        np.asarray(relative_violation(measured)) <= 1, [result.feasible for result in results]
+    )
     assert set(measured) == set(TOLERANCES)
     for name, values in measured.items():
         np.testing.assert_allclose(values, [result.violations[name] for result in results], rtol=1e-9, atol=1e-12)
