@@ -1,7 +1,10 @@
-"""The one base error of the package, and how a command line ends: message, exit code, no traceback.
+"""The errors of the package, and how a command line ends: a message, an exit code, no traceback.
 
-A message is one sentence that names the culprit, its value and what would be valid.
-Exit codes: 0 to 1 are the command's own, 2 bad input (file, option, value), 130 interrupted by the user.
+Every error that a caller can cause is a `DvrError`. Its subclasses say which kind of input was refused. The message is
+one sentence that names the culprit, its value and what would be valid.
+
+Exit codes of the command lines: 0 and 1 belong to the command itself, 2 is bad input (a file, an option or a value),
+130 is an interruption by the user.
 """
 
 import os
@@ -11,15 +14,38 @@ from contextlib import suppress
 from typing import NoReturn
 
 EXIT_BAD_INPUT = 2
+"""Exit code for input that was refused."""
+
 EXIT_INTERRUPTED = 130
+"""Exit code after Ctrl-C, as shells have it (128 + SIGINT)."""
 
 
 class DvrError(Exception):
-    """Bad input, refused at the edge: one sentence with the culprit, its value and what would be valid."""
+    """Base class of all errors that bad input causes; raised where the input enters the package."""
+
+
+class SceneError(DvrError):
+    """Raised for a scene, a scene file or a distribution of scenes that breaks a rule."""
+
+
+class NetworkError(DvrError):
+    """Raised for a network file, or for images or states that do not fit the network or the scene."""
+
+
+class MotionError(DvrError):
+    """Raised for a motion, or a motion file, that is broken or does not fit its scene or its actions."""
+
+
+class DataError(DvrError):
+    """Raised for label files or training data that are broken or contradict each other."""
+
+
+class OptionError(DvrError):
+    """Raised for an argument of the public functions, or an option of a command, of a wrong type or value."""
 
 
 def describe_os_error(error: OSError) -> str:
-    """One sentence for a file that is missing, unreadable or unwritable, naming the file where it is known."""
+    """Describe a file that is missing, unreadable or unwritable in one sentence that names it where possible."""
     reason = error.strerror or str(error) or type(error).__name__
     if error.filename is None:
         return f"the operating system refused: {reason}."
@@ -27,33 +53,41 @@ def describe_os_error(error: OSError) -> str:
 
 
 def run_command(main: Callable[[], int | None], at_once: bool = False) -> NoReturn:
-    """Run a command line's `main` and end the process with its exit code (None counts as 0).
+    """Run a command line's `main` and end the process with its exit code.
 
-    A `DvrError` or a file's `OSError` becomes one line on stderr and exit code 2; Ctrl-C becomes 130.
+    A `DvrError` or a file's `OSError` becomes one line on standard error and exit code 2; Ctrl-C becomes 130.
     Any other exception is a defect of this package and keeps its traceback.
 
     Args:
-        main: what the command does.
-        at_once: then wait for no thread and tidy up nothing.
+        main: Function that carries out the command and returns its exit code; None counts as 0.
+        at_once: Whether the process ends without waiting for its other threads and without any cleanup.
+
+    Raises:
+        SystemExit: Always, unless `at_once` is set, in which case the process ends here.
     """
-    code = _run(main)
+    exit_code = _run(main)
+
     if at_once:
-        with suppress(OSError):  # what was printed before an error or Ctrl-C
+        # The flush may meet a full disk or a closed pipe; the exit code is already decided.
+        with suppress(OSError):
             sys.stdout.flush()
         sys.stderr.flush()
-        os._exit(code)
-    sys.exit(code)
+        os._exit(exit_code)
+
+    sys.exit(exit_code)
 
 
 def _run(main: Callable[[], int | None]) -> int:
-    """Exit code of a command."""
+    """Run a command and return its exit code; print what went wrong to standard error."""
     try:
-        code = main()
+        exit_code = main()
         sys.stdout.flush()
     except DvrError as error:
         print(f"error: {error}", file=sys.stderr)
         return EXIT_BAD_INPUT
-    except BrokenPipeError:  # the reader of our output has gone (`... | head`): that is not bad input
+    except BrokenPipeError:
+        # The reader of the output has gone (`... | head`), which is not bad input. Python flushes standard output
+        # once more at exit, so it needs a place to go.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:
@@ -62,4 +96,5 @@ def _run(main: Callable[[], int | None]) -> int:
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return EXIT_INTERRUPTED
-    return code or 0
+
+    return exit_code or 0

@@ -11,8 +11,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from dvr_jax.cli.plan import write_plan
-
 README = Path(__file__).parents[1] / "README.md"
 
 
@@ -40,7 +38,7 @@ def test_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: p
     slept: list[float] = []
     monkeypatch.setattr(time, "sleep", slept.append)
     result = names["result"]
-    write_plan(tmp_path / "out/plan", result, animation=False)  # type: ignore[arg-type]
+    result.save(tmp_path / "out/plan", animation=False)  # type: ignore[attr-defined]
     exec(viewing, {})
     motion = result.motion  # type: ignore[attr-defined]
     np.testing.assert_allclose(seen, motion.qpos, atol=1e-12)

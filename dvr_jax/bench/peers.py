@@ -1,72 +1,51 @@
 """The same keyframe and path problems solved by `robotic` (rai's KOMO) and by us: verdicts and CPU times side by side.
 
-Each scene gives, for every length, sequences drawn at random and sequences whose keyframes our search finds feasible;
-the latter favour ours, so the tables end with both kinds apart.
-Both solvers run warm, in one process on one core. Keyframes: `robotic` solves its NLP once from the home posture, as
-its tutorials do; ours is the sequence bound of every prefix, particles and NLPs from the best of them, without the
-company of other sequences that a search has, and without the second look at a sequence that it refutes.
-Paths: one NLP each, from the solver's own keyframes. Loading, set-up and compilation are not timed. `robotic`'s
-solutions are judged a second time, as points of our NLP by our measure; feasible paths by the independent check.
+Each scene gives, for every length, sequences drawn at random and sequences whose keyframes our search finds feasible.
+The latter favor ours, so the tables end with both kinds apart. Both solvers run warm, in one process on one core.
+Loading, set-up and compilation are not timed.
 
-`robotic` looks at slices alone, our paths have three samples a slice and are looked at between them, too. So paths are
-compared three times: both with constraints at the same slices alone; our paths as they are, with `robotic`'s of as many
-slices; and with `robotic`'s of three times as many."""
+- Keyframes: `robotic` solves its NLP once from the home posture, as its tutorials do. Ours is the sequence bound of
+  every prefix: a beam of keyframe candidates, and NLPs from the best of them. It has neither the company of other
+  sequences that a search has, nor the second look at a sequence that it refutes.
+- Paths: one NLP each, from the solver's own keyframes.
+
+The solutions of `robotic` are judged a second time, as points of our NLP by our measure; feasible paths are also judged
+by the independent check.
+
+`robotic` looks at slices alone, while our paths have three samples a slice and are looked at between them, too. So
+paths are compared three times: both with constraints at the same slices alone; our paths as they are, with `robotic`'s
+of as many slices; and with `robotic`'s of three times as many.
+"""
 
 from __future__ import annotations
 
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, TypeVar
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import tyro
 
+from dvr_jax.bench.peer_judging import compare
 from dvr_jax.bench.peer_tables import FINER, print_tables
-from dvr_jax.bench.rai import (
-    CLEARANCE,
-    ROUNDING,
-    PeerScene,
-    PeerSolution,
-    build_keyframes,
-    build_path,
-    build_peer_scene,
-    load_robotic,
-    solve_peer,
-    to_variables,
-)
-from dvr_jax.bench.recall import find_sequences, judge_prefix, random_extension
-from dvr_jax.bench.results_file import ResultsFile
-from dvr_jax.checker.replay import check_motion
+from dvr_jax.bench.problem_drawing import find_sequences, random_extension
+from dvr_jax.bench.rai_scene import CLEARANCE, ROUNDING, build_peer_scene, load_robotic
+from dvr_jax.bench.results_file import ResultsFile, Row
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import Action, Grounding
-from dvr_jax.nlp.problem import Problem, Variables
-from dvr_jax.nlp.tolerances import PENETRATION_TOLERANCE
-from dvr_jax.nlp.transcription import transcribe
-from dvr_jax.planning.path_motion import interpolate
-from dvr_jax.runtime.batch_sizes import batch_sizes
-from dvr_jax.runtime.compilation import Program
 from dvr_jax.scene.sampling import scene_of_seed
 from dvr_jax.scene.types import Scene
-from dvr_jax.search.node import Node
 from dvr_jax.search.tree import SequenceTree
-from dvr_jax.search.work import run_alone
-from dvr_jax.seeds.initial_paths import STEPS_PER_PHASE, path_problem, path_start
-from dvr_jax.solver.augmented_lagrangian import Settings
-from dvr_jax.solver.engine import NlpSolution, solve, stack
-from dvr_jax.solver.iteration import judge, lay_out_chunks, measure_chunk, start
+from dvr_jax.seeds.initial_paths import STEPS_PER_PHASE
 
 LENGTHS = range(2, 7)
 """Lengths of the sequences."""
-
-_T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
@@ -86,17 +65,30 @@ class PeersOptions:
 
 
 def draw_sequence(
-    grounding: Grounding, scene: Scene, length: int, generator: np.random.Generator
+    grounding: Grounding,
+    scene: Scene,
+    length: int,
+    generator: np.random.Generator,
 ) -> tuple[Action, ...] | None:
-    """A random sequence that first reaches the goal with its last action and that no constant of the scene refutes."""
+    """Draw a sequence that first reaches the goal with its last action and that no constant of the scene refutes.
+
+    Args:
+        grounding: the scene's actions.
+        scene: the scene.
+        length: number of actions.
+        generator: of the draw.
+
+    Returns:
+        The sequence; None where the draw comes to a dead end.
+    """
     actions: list[Action] = []
     state = grounding.initial_state
     for left in range(length - 1, -1, -1):
-        step = random_extension(grounding, scene, state, partial(_reaches, grounding, left), generator)
-        if step is None:
+        extension = random_extension(grounding, scene, state, partial(_reaches, grounding, left), generator)
+        if extension is None:
             return None
-        actions.append(step[0])
-        state = step[1]
+        action, state = extension
+        actions.append(action)
     return tuple(actions)
 
 
@@ -104,128 +96,35 @@ def _reaches(grounding: Grounding, left: int, state: int) -> bool:
     return grounding.reaches_goal_in(state, left)
 
 
-def time_call(call: Callable[[], _T]) -> tuple[_T, float, float]:
-    """Result, CPU seconds and wall seconds of a call."""
-    cpu, wall = time.process_time(), time.perf_counter()
-    result = call()
-    return result, time.process_time() - cpu, time.perf_counter() - wall
+def solve_scene(options: PeersOptions, index: int) -> list[Row]:
+    """Solve all problems of one scene.
 
+    Args:
+        options: number of sequences and the seed.
+        index: number of the scene.
 
-_judge = Program(judge)
-
-
-def judge_point(problem: Problem, x: Variables) -> dict[str, float]:
-    """Our violations at a point [m or rad], "ratio" (the largest one as a multiple of its tolerance) and, of a path,
-    "ratio at slices": the same without what is between the slices."""
-    T, K = len(x.q), len(x.m)
-    if T > K:
-        problem = path_problem(problem, x)
-    # As many lanes as the solver has: its compiled program serves for the distances.
-    lanes = batch_sizes().chunk // K if T == K else batch_sizes().path_lanes
-    settings = jax.tree.map(np.asarray, Settings())
-    batch: Problem = stack([problem] * lanes)
-    states = start(batch, stack([x] * lanes), settings)
-    chunks = tuple(measure_chunk(chunk) for chunk in lay_out_chunks(batch, states.x))
-    seen, _ = _judge(batch, settings, states, chunks)
-    values = {name: float(value[0]) for name, value in seen.violations._asdict().items()}
-    M = problem.share.shape[1]
-    distances = np.concatenate([np.asarray(chunk.distance) for chunk in chunks])[: T * M]
-    at_slices = max(0.0, -float(distances[M - 1 :: M].min()))
-    without = seen.violations._replace(penetration=jnp.zeros(lanes))
-    ratio_at_slices = max(float(without.ratio()[0]), at_slices / PENETRATION_TOLERANCE)
-    return {**values, "ratio": float(seen.violations.ratio()[0]), "ratio at slices": ratio_at_slices}
-
-
-def _passes(scene: Scene, actions: Sequence[Action], problem: Problem, q: Any, m: Any) -> bool:
-    return check_motion(scene, actions, interpolate(scene, problem, np.asarray(q), np.asarray(m))).passed
-
-
-def _our_keyframes(scene: Scene, actions: Sequence[Action], seed: int) -> tuple[SequenceTree, Node, dict[str, Any]]:
-    """KeyframeBeam of every prefix, and NLPs where no particle is a witness: the sequence bound."""
-    for _ in range(2):  # the first time compiles
-        tree = SequenceTree(scene, len(actions), seed)
-        node, cpu, wall = time_call(partial(run_alone, judge_prefix(tree, actions)))
-    return tree, node, {"feasible": bool(node.feasible), "seconds": cpu, "wall seconds": wall}
-
-
-def _our_path(scene: Scene, node: Node, find: Callable[[], NlpSolution]) -> dict[str, Any]:
-    find()  # the first time compiles
-    path, cpu, wall = time_call(find)
-    assert node.problem is not None
-    return {
-        "feasible": path.feasible,
-        "seconds": cpu,
-        "wall seconds": wall,
-        "iterations": path.iterations,
-        "ratio": path.ratio,
-        "passed": path.feasible and _passes(scene, node.actions, node.problem, path.q, path.m),
-    }
-
-
-def _path_at_slices(tree: SequenceTree, node: Node) -> NlpSolution:
-    """Our path with distances at its slices alone."""
-    assert node.problem is not None
-    start = path_start(node.problem, tree.solver.path_keyframes(node)[0])
-    return solve([path_problem(node.problem, start, samples=1)], [start], tree.solver.settings)[0]
-
-
-def _peer_row(solved: PeerSolution) -> dict[str, Any]:
-    return {
-        "feasible": solved.feasible,
-        "seconds": solved.seconds,
-        "evaluations": solved.evaluations,
-        "equalities": solved.equalities,
-        "inequalities": solved.inequalities,
-    }
-
-
-def _peer_path(
-    peer: PeerScene, actions: Sequence[Action], problem: Problem, keyframes: PeerSolution, steps: int, seed: int
-) -> dict[str, Any]:
-    solved = solve_peer(peer, build_path(peer, actions, keyframes, steps), seed)
-    x = to_variables(problem, actions, solved)
-    row = _peer_row(solved)
-    if steps == STEPS_PER_PHASE:
-        row["our measure"] = judge_point(problem, x)
-    return {**row, "passed": solved.feasible and _passes(peer.scene, actions, problem, *x)}
-
-
-def compare(peer: PeerScene, actions: Sequence[Action], seed: int) -> dict[str, Any]:
-    """Keyframes and path of one sequence by both solvers; a path is tried where the solver's own keyframes are
-    feasible."""
-    scene, problem = peer.scene, transcribe(peer.scene, actions)
-    tree, node, ours = _our_keyframes(scene, actions, seed)
-    keyframes = solve_peer(peer, build_keyframes(peer, actions), seed)
-    measured = judge_point(problem, to_variables(problem, actions, keyframes))
-    row: dict[str, Any] = {
-        "keyframes": {"ours": ours, "robotic": {**_peer_row(keyframes), "our measure": measured}},
-        "path": {},
-    }
-    if node.feasible:
-        row["path"] = {
-            "ours": _our_path(scene, node, lambda: run_alone(tree.solver.solve_path(node))),
-            "ours at slices": _our_path(scene, node, lambda: _path_at_slices(tree, node)),
-        }
-    if keyframes.feasible:
-        for name, steps in (("robotic", STEPS_PER_PHASE), ("robotic finer", FINER * STEPS_PER_PHASE)):
-            row["path"][name] = _peer_path(peer, actions, problem, keyframes, steps, seed)
-    return row
-
-
-def solve_scene(options: PeersOptions, index: int) -> list[dict[str, Any]]:
-    """All problems of one scene."""
+    Returns:
+        One row a problem.
+    """
     scene = scene_of_seed(options.seed, index, 2)
     generator = np.random.default_rng([options.seed, index])
     tree = SequenceTree(scene, max(LENGTHS), options.seed)
     peer = build_peer_scene(scene)
+
     rows = []
     for length in LENGTHS:
         drawn = [draw_sequence(tree.grounding, scene, length, generator) for _ in range(options.drawn)]
         found = [node.actions for node in find_sequences(tree, length, options.found, generator)]
-        sources = {**dict.fromkeys(found, "found"), **dict.fromkeys(filter(None, drawn), "drawn")}
+
+        # A sequence that is both drawn and found counts as drawn, and is solved once.
+        sources = {
+            **dict.fromkeys(found, "found"),
+            **dict.fromkeys(filter(None, drawn), "drawn"),
+        }
         for actions, source in sources.items():
-            words = [[action.operator, *action.arguments] for action in actions]
-            rows.append({"length": length, "source": source, "actions": words, **compare(peer, actions, options.seed)})
+            arguments = [[action.operator, *action.arguments] for action in actions]
+            solved = compare(peer, actions, options.seed)
+            rows.append({"length": length, "source": source, "actions": arguments, **solved})
     return rows
 
 
@@ -237,8 +136,8 @@ def use_one_core() -> None:
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
 
 
-def _header(options: PeersOptions) -> dict[str, object]:
-    """What results must agree in to stand in one file."""
+def _header(options: PeersOptions) -> Row:
+    """Name what results must agree in to stand in one file."""
     chosen = asdict(options)
     for name in ("number", "out"):
         del chosen[name]
@@ -252,25 +151,33 @@ def _header(options: PeersOptions) -> dict[str, object]:
     }
 
 
-def _results(options: PeersOptions) -> Iterator[dict[str, Any]]:
-    ledger = ResultsFile(options.out, _header(options))
-    todo = ledger.missing(options.number)
+def _results(options: PeersOptions) -> Iterator[Row]:
+    results_file = ResultsFile(options.out, _header(options))
+    todo = results_file.missing(options.number)
     for index in range(options.number):
         if index in todo:
             begin = time.monotonic()
-            ledger.add({"scene": index, "problems": solve_scene(options, index)})
-            words = f"{len(ledger.rows[index]['problems'])} problems, {time.monotonic() - begin:.0f} s"
-            print(f"  scene {index}: {words}", file=sys.stderr, flush=True)
-        yield from ledger.rows[index]["problems"]
+            problems = solve_scene(options, index)
+            results_file.add({"scene": index, "problems": problems})
+            seconds = time.monotonic() - begin
+            print(
+                f"  scene {index}: {len(problems)} problems, {seconds:.0f} s",
+                file=sys.stderr,
+                flush=True,
+            )
+        yield from results_file.rows[index]["problems"]
 
 
 def run(arguments: list[str]) -> int:
-    """Solve all problems with both, print the tables."""
+    """Solve all problems with both and print the tables."""
     options = tyro.cli(PeersOptions, prog="python -m dvr_jax.bench peers", args=arguments)
     if options.number < 1:
         raise DvrError(f"the number of scenes is {options.number}; valid is 1 or more.")
+
+    # The number of threads has to be set before `robotic` is loaded.
     use_one_core()
     load_robotic()
+
     with jax.enable_x64(True):
         rows = list(_results(options))
     print_tables(rows)

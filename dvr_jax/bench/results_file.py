@@ -1,5 +1,8 @@
-"""Results of a benchmark in a JSON Lines file: a header with options and machine, then one row each, written as they
-come, so that a benchmark that was stopped goes on where it was."""
+"""Results of a benchmark in a JSON Lines file that survives a stop: a header, then one row for each result.
+
+The header holds the options of the benchmark and the machine that measured. Each row is written as soon as it is
+there, so a benchmark that was stopped goes on where it was.
+"""
 
 from __future__ import annotations
 
@@ -16,66 +19,114 @@ from dvr_jax import __version__
 from dvr_jax.errors import DvrError
 from dvr_jax.runtime.files import write_whole
 
+Row = dict[str, Any]
+"""One result as JSON has it."""
 
-def describe_machine() -> dict[str, Any]:
-    """Processor, number of cores and versions."""
-    names = Path("/proc/cpuinfo").read_text().splitlines() if Path("/proc/cpuinfo").exists() else []
-    model = next((line.partition(":")[2].strip() for line in names if line.startswith("model name")), "")
+
+def describe_machine() -> Row:
+    """Name the processor, the number of cores and the versions of this package and of what it computes with."""
+    processor_file = Path("/proc/cpuinfo")
+    lines = processor_file.read_text().splitlines() if processor_file.exists() else []
+    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    model = models[0] if models else ""
+
     versions = {name: version(name) for name in ("jax", "mujoco", "numpy")}
     return {
         "machine": model or platform.processor() or platform.machine(),
         "cores": os.cpu_count(),
-        "versions": {"dvr_jax": __version__, "python": platform.python_version(), **versions},
+        "versions": {
+            "dvr_jax": __version__,
+            "python": platform.python_version(),
+            **versions,
+        },
     }
 
 
 class ResultsFile:
     """The rows of one file, by number; without a file they are kept in memory alone."""
 
-    def __init__(self, path: Path | None, options: Mapping[str, Any], of: str = "scene") -> None:
-        """Read what the file has; a last line that was cut short is dropped. `of` is what a row is of, and the key of
-        its number.
+    path: Path | None
+    """The file."""
+    rows: dict[int, Row]
+    """The results by their number."""
+    version: str
+    """Version of this package that measured the rows."""
+    of: str
+    """What a row is a result of, which is also the key of its number."""
 
-        Raises DvrError where the file holds results of other options.
+    def __init__(
+        self,
+        path: Path | None,
+        options: Mapping[str, Any],
+        of: str = "scene",
+        facts: Mapping[str, Any] | None = None,
+    ) -> None:
+        """Read what the file has; a last line that was cut short is dropped.
+
+        Args:
+            path: JSON Lines file; None keeps the rows in memory alone.
+            options: what results must agree in to stand in one file.
+            of: what a row is a result of, which is also the key of its number.
+            facts: further entries of the header; a header that lacks them gets them.
+
+        Raises:
+            DvrError: The file holds results of other options, or no results.
         """
-        self.path, self.rows, self.version, self.of = path, dict[int, dict[str, Any]](), __version__, of
-        if path is None:
-            return
-        plain = json.loads(json.dumps(options))
+        self.path = path
+        self.rows = {}
+        self.version = __version__
+        self.of = of
+        if path is not None:
+            self._read(path, json.loads(json.dumps(options)), dict(facts or {}))
+
+    def _read(self, path: Path, options: Row, facts: Row) -> None:
         text = path.read_text(encoding="utf-8") if path.exists() else ""
-        whole = [line for line in text.splitlines(keepends=True) if line.endswith("\n")]
-        if not whole:
+        lines = [line for line in text.splitlines(keepends=True) if line.endswith("\n")]
+        if not lines:
             path.parent.mkdir(parents=True, exist_ok=True)
-            whole = [json.dumps({"options": plain, **describe_machine()}) + "\n"]
-        if "".join(whole) != text:
-            write_whole(path, "".join(whole).encode())
+            lines = [_to_line({"options": options, **facts, **describe_machine()})]
+
         try:
-            header, *rows = map(json.loads, whole)
-            self.rows = {int(row[of]): row for row in rows}
-            known, self.version = header["options"], header["versions"].get("dvr_jax", "unknown")
+            header, *rows = map(json.loads, lines)
+            self.rows = {int(row[self.of]): row for row in rows}
+            known_options = header["options"]
+            self.version = header["versions"].get("dvr_jax", "unknown")
         except (ValueError, LookupError, TypeError) as error:
             raise DvrError(f"{path} holds no results of a benchmark ({error}); choose another --out.") from None
-        if known != plain:
-            raise DvrError(f"{path} holds results of other options: {known}; choose another --out.")
+        if known_options != options:
+            raise DvrError(f"{path} holds results of other options: {known_options}; choose another --out.")
+
+        # The options agree, so what was found out about them holds for the rows as well.
+        if any(name not in header for name in facts):
+            lines[0] = _to_line({"options": options, **facts, **header})
+        if "".join(lines) != text:
+            write_whole(path, "".join(lines).encode())
 
     def missing(self, number: int) -> list[int]:
-        """Those of the numbers 0 to number - 1 that have no row; says how many have one.
+        """List those of the numbers 0 to number - 1 that have no row, and say how many have one.
 
-        Raises DvrError where some are missing and those that are there come of another version.
+        Raises:
+            DvrError: Some are missing, and those that are there were measured by another version.
         """
         todo = [index for index in range(number) if index not in self.rows]
+
         if self.rows and todo and self.version != __version__:
             raise DvrError(
                 f"{self.path} holds results of dvr_jax {self.version}, this is {__version__}; choose another --out."
             )
+
         if self.rows:
             kept = f"{number - len(todo)} of {number} {self.of}s are in {self.path} already (dvr_jax {self.version})"
             print(f"{kept}; another --out measures them anew", file=sys.stderr, flush=True)
         return todo
 
-    def add(self, row: dict[str, Any]) -> None:
+    def add(self, row: Row) -> None:
         """Keep a row."""
         self.rows[int(row[self.of])] = row
         if self.path is not None:
             with self.path.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(row) + "\n")
+                file.write(_to_line(row))
+
+
+def _to_line(row: Row) -> str:
+    return json.dumps(row) + "\n"

@@ -1,6 +1,8 @@
-"""Plan many sampled scenes: solved share, lengths of the solutions, times; killed and started again it goes on.
+"""Plan many sampled scenes by one search: solved share, lengths of the solutions, times.
 
-Every scene's result is one line of a JSON Lines file, written as soon as it is there."""
+Every scene's result is one line of a JSON Lines file, written as soon as it is there. A benchmark that was stopped
+goes on where it was.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +10,7 @@ import hashlib
 import os
 import statistics
 import sys
-from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import as_completed
 from dataclasses import asdict, dataclass
 from functools import lru_cache
@@ -18,14 +19,20 @@ from pathlib import Path
 import tyro
 
 from dvr_jax.bench.results_file import ResultsFile
+from dvr_jax.bench.scene_result import SceneResult, group_by_length
 from dvr_jax.errors import DvrError
 from dvr_jax.model.predictor import SHIPPED, Predictor, load_network
 from dvr_jax.planning.planner import plan
 from dvr_jax.runtime.processes import worker_processes
-from dvr_jax.scene.sampling import DEFAULT_DISTRIBUTION, SceneDistribution, ShapeChoice, scene_of_seed
+from dvr_jax.scene.sampling import (
+    DEFAULT_DISTRIBUTION,
+    SceneDistribution,
+    ShapeChoice,
+    scene_of_seed,
+)
 from dvr_jax.scene.types import Scene
-from dvr_jax.search.run import EXHAUSTED
 from dvr_jax.search.searches import GUIDED, SEARCHES
+from dvr_jax.search.session import EXHAUSTED
 from dvr_jax.search.warm import warm_up
 from dvr_jax.workcell.constants import MAXIMUM_OBJECTS
 
@@ -58,10 +65,16 @@ class ScenesOptions:
     """JSON Lines file of results; scenes that it already has are not planned again."""
 
     def check(self) -> None:
-        """Refuse values that make no sense."""
+        """Refuse values that make no sense.
+
+        Raises:
+            DvrError: An option is out of its range, or the search does not exist or takes no network.
+        """
         for name in ("number", "objects", "k_max", "workers"):
-            if getattr(self, name) < 1:
-                raise DvrError(f"--{name.replace('_', '-')} is {getattr(self, name)}; valid is 1 or more.")
+            value = getattr(self, name)
+            if value < 1:
+                raise DvrError(f"--{name.replace('_', '-')} is {value}; valid is 1 or more.")
+
         if self.objects > MAXIMUM_OBJECTS:
             raise DvrError(f"--objects is {self.objects}; valid are 1 to {MAXIMUM_OBJECTS}.")
         if not 0 <= self.cubes <= 1:
@@ -70,6 +83,7 @@ class ScenesOptions:
             raise DvrError(f"--seed is {self.seed}; valid is 0 or more.")
         if not self.time_limit > 0:
             raise DvrError(f"--time-limit is {self.time_limit}; valid is a positive number.")
+
         if self.search not in SEARCHES:
             raise DvrError(f"there is no search '{self.search}'; valid: {', '.join(SEARCHES)}.")
         if self.search not in GUIDED and self.network is not None:
@@ -88,27 +102,33 @@ def _network(search: str, path: Path | None) -> Predictor | None:
 
 def _get_ready(options: ScenesOptions) -> None:
     """Compile or load everything before the first scene is timed."""
-    warm_up(_scene(options, 0), options.k_max, _network(options.search, options.network))
-
-
-def _plan_one(options: ScenesOptions, index: int) -> dict[str, object]:
-    scene = _scene(options, index)
     network = _network(options.search, options.network)
-    result = plan(scene, options.search, options.k_max, seed=0, time_limit=options.time_limit, network=network)
-    return {
-        "scene": index,
-        "status": result.status,
-        "words": result.words,
-        "seconds": {name: round(value, 3) for name, value in result.seconds.items()},
-        "nlps": result.nlps,
-        "verdicts": result.verdicts,
-        "rejected": result.rejected,
-        "passed": result.report is not None and result.report.passed,
-    }
+    warm_up(_scene(options, 0), options.k_max, network)
+
+
+def _plan_one(options: ScenesOptions, index: int) -> SceneResult:
+    result = plan(
+        _scene(options, index),
+        options.search,
+        options.k_max,
+        seed=0,
+        time_limit=options.time_limit,
+        network=_network(options.search, options.network),
+    )
+    return SceneResult(
+        scene=index,
+        status=result.status,
+        action_descriptions=result.words,
+        seconds=result.seconds,
+        nlps=result.nlps,
+        verdicts=result.verdicts,
+        rejected=result.rejected,
+        passed=result.report is not None and result.report.passed,
+    )
 
 
 def _header(options: ScenesOptions) -> dict[str, object]:
-    """What results must agree in to stand in one file."""
+    """Name what results must agree in to stand in one file."""
     chosen = asdict(options)
     for name in ("number", "workers", "out"):
         del chosen[name]
@@ -118,44 +138,72 @@ def _header(options: ScenesOptions) -> dict[str, object]:
 
 def _hash_network(options: ScenesOptions) -> str:
     path = options.network or SHIPPED / f"{options.search}.npz"
-    if path.is_dir():  # a training's, of which the latest checkpoint counts
+
+    # A folder is a training's, of which the latest checkpoint counts.
+    if path.is_dir():
         return load_network(options.search, path).checksum
+
     return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
 
 
-def results(options: ScenesOptions) -> Iterator[dict[str, object]]:
-    """ConstraintValues of all scenes, those first that the file has."""
+def plan_scenes(options: ScenesOptions) -> Iterator[SceneResult]:
+    """Give the results of all scenes, first those that the file has.
+
+    Raises:
+        DvrError: An option makes no sense, or the file holds results of other options or of another version.
+    """
     options.check()
+
+    # The network is loaded here once, so that a bad file is refused before any worker starts.
     _network(options.search, options.network)
-    ledger = ResultsFile(options.out, _header(options))
-    todo = ledger.missing(options.number)
-    yield from (row for index, row in ledger.rows.items() if index < options.number)
+
+    results_file = ResultsFile(options.out, _header(options))
+    todo = results_file.missing(options.number)
+    for index, row in results_file.rows.items():
+        if index < options.number:
+            yield SceneResult.from_row(row)
     if not todo:
         return
+
     with worker_processes(options.workers, _get_ready, options) as pool:
-        for future in as_completed([pool.submit(_plan_one, options, index) for index in todo]):
-            row = future.result()
-            ledger.add(row)
-            words = f"{row['status']}, {len(row['words'])} actions"  # type: ignore[arg-type]
-            print(f"  scene {row['scene']}: {words}, {row['seconds']['total']} s", file=sys.stderr, flush=True)  # type: ignore[index]
-            yield row
+        futures = [pool.submit(_plan_one, options, index) for index in todo]
+        for future in as_completed(futures):
+            row = future.result().to_row()
+            result = SceneResult.from_row(row)
+            results_file.add(row)
+            print(
+                f"  scene {result.scene}: {result.status}, {result.length} actions, {result.total_seconds} s",
+                file=sys.stderr,
+                flush=True,
+            )
+            yield result
 
 
 def run(arguments: list[str]) -> int:
-    """Plan the scenes, print the table."""
+    """Plan the scenes and print the table."""
     options = tyro.cli(ScenesOptions, prog="python -m dvr_jax.bench scenes", args=arguments)
-    rows = list(results(options))
-    solved = [row for row in rows if row["words"]]
-    lengths = Counter(len(row["words"]) for row in solved)  # type: ignore[arg-type]
-    exhausted = sum(row["status"] == EXHAUSTED for row in rows)
-    passed = sum(bool(row["passed"]) for row in solved)
-    print(f"{len(rows)} scenes of {options.objects} objects ({options.shape}, seed {options.seed}), {options.search}")
-    print(f"solved {len(solved)} ({len(solved) / len(rows):.0%}); pass the independent check: {passed}")
-    print(f"unsolved: {exhausted} with the tree exhausted, {len(rows) - len(solved) - exhausted} at the time limit")
-    for length in range(2, options.k_max + 1):
-        of_length = [row for row in solved if len(row["words"]) == length]  # type: ignore[arg-type]
-        share = lengths[length] / len(rows)
-        seconds = [row["seconds"]["total"] for row in of_length]  # type: ignore[index]
-        median = f", median {statistics.median(seconds):.2f} s" if seconds else ""
-        print(f"  length {length}: {lengths[length]:>4} ({share:5.1%}) {'#' * round(100 * share)}{median}")
+    results = list(plan_scenes(options))
+    print(
+        f"{len(results)} scenes of {options.objects} objects ({options.shape}, seed {options.seed}), {options.search}"
+    )
+
+    solved = [result for result in results if result.solved]
+    exhausted = sum(result.status == EXHAUSTED for result in results)
+    passed = sum(result.passed for result in solved)
+    late = len(results) - len(solved) - exhausted
+    print(f"solved {len(solved)} ({len(solved) / len(results):.0%}); pass the independent check: {passed}")
+    print(f"unsolved: {exhausted} with the tree exhausted, {late} at the time limit")
+
+    for length, of_length in group_by_length(results, options.k_max).items():
+        # A plan needs a grasp and a place, so a length of 1 does not occur.
+        if length >= 2:
+            _print_length(length, of_length, len(results))
     return 0
+
+
+def _print_length(length: int, results: Sequence[SceneResult], number_of_scenes: int) -> None:
+    share = len(results) / number_of_scenes
+    bar = "#" * round(100 * share)
+    seconds = [result.total_seconds for result in results]
+    median = f", median {statistics.median(seconds):.2f} s" if seconds else ""
+    print(f"  length {length}: {len(results):>4} ({share:5.1%}) {bar}{median}")

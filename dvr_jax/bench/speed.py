@@ -1,10 +1,10 @@
-"""Warm times of the solver's parts, on the problems of the recall benchmark: medians, on one process."""
+"""Warm times of the solver's parts, on the problems of the recall benchmark: medians, in one process."""
 
 from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,11 @@ import jax
 import numpy as np
 import tyro
 
-from dvr_jax.bench.recall import PROBLEMS, judge_prefix, random_keyframes, read_problems
+from dvr_jax.bench.metrics import save_metrics
+from dvr_jax.bench.oracle import random_keyframes
+from dvr_jax.bench.problems import read_problems
+from dvr_jax.bench.recall import judge_prefix
+from dvr_jax.bench.speed_metrics import KeyframeTimes, PathTimes, SliceTimes
 from dvr_jax.logic import Action
 from dvr_jax.nlp.slices import reduce_slices
 from dvr_jax.nlp.transcription import transcribe
@@ -26,23 +30,46 @@ from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import run_alone
 from dvr_jax.seeds.initial_paths import keyframe_start, path_problem, path_start
 from dvr_jax.solver.augmented_lagrangian import Settings
-from dvr_jax.solver.engine import beam_lanes, extend_beams, solve, stack
 from dvr_jax.solver.iteration import judge, lay_out_chunks, measure_chunk, start
+from dvr_jax.solver.lane_pool import beam_lanes, extend_beams, solve, stack
+
+NUMBERS_OF_OBJECTS = (2, 5)
+"""Numbers of objects of the slices."""
+
+LENGTHS = (2, 6)
+"""Numbers of actions of the keyframe and path NLPs."""
+
+KEYFRAME_REPEATS = 6
+"""Times that a batch of keyframes is judged; the first one is not counted."""
+
+NARROW = 0.04
+"""Half of the widest object that a gripper closes on [m]."""
 
 
 @dataclass(frozen=True)
 class SpeedOptions:
     """Time the Gauss-Newton system of a slice, keyframe NLPs and path NLPs."""
 
-    problems: Path = PROBLEMS
-    """What `python -m dvr_jax.bench oracle` wrote."""
+    problems: Path | None = None
+    """What `python -m dvr_jax.bench oracle` wrote; by default the problems of the package."""
     repeats: int = 200
     """Calls of each compiled program."""
+    out: Path | None = None
+    """JSON file to write the times to."""
 
 
 def median_seconds(call: Callable[[], Any], repeats: int) -> float:
-    """Median time of a call whose result is waited for, after one that is not counted."""
+    """Take the median time of a call whose result is waited for, after one call that is not counted.
+
+    Args:
+        call: gives JAX arrays.
+        repeats: number of calls.
+
+    Returns:
+        The median [s].
+    """
     jax.block_until_ready(call())
+
     seconds = []
     for _ in range(repeats):
         begin = time.perf_counter()
@@ -51,99 +78,176 @@ def median_seconds(call: Callable[[], Any], repeats: int) -> float:
     return statistics.median(seconds)
 
 
-def time_slices(number_of_objects: int, repeats: int) -> None:
-    """Distances, derivatives and Gauss-Newton matrix of a chunk of keyframe slices at random postures."""
+def time_slices(number_of_objects: int, repeats: int) -> SliceTimes:
+    """Time distances, derivatives and Gauss-Newton matrix of a chunk of keyframe slices at random postures.
+
+    Args:
+        number_of_objects: objects of the scene.
+        repeats: calls of each program.
+
+    Returns:
+        Times of a slice.
+    """
     generator = np.random.default_rng(0)
     (scene,) = sample_scenes(1, number_of_objects, 1)
     name = scene.goal.object
-    face = "+x" if scene.objects[scene.goal_index].half_extents[0] <= 0.04 else "+y"
-    actions = [Action("grasp", ("left", face, name)), Action("place", ("left", name, "goal"))]
+    face = "+x" if scene.objects[scene.goal_index].half_extents[0] <= NARROW else "+y"
+    actions = [
+        Action("grasp", ("left", face, name)),
+        Action("place", ("left", name, "goal")),
+    ]
     problem = transcribe(scene, actions)
+
+    # As many lanes of two slices each as fill one chunk, the unit that the solver measures at once.
     chunk_size = batch_sizes().chunk
-    batch = stack([problem] * (chunk_size // 2))
+    number_of_lanes = chunk_size // len(actions)
+    batch = stack([problem] * number_of_lanes)
     settings = jax.tree.map(np.asarray, Settings())
-    lanes = start(batch, stack([random_keyframes(problem, generator) for _ in range(chunk_size // 2)]), settings)
+    postures = stack([random_keyframes(problem, generator) for _ in range(number_of_lanes)])
+    lanes = start(batch, postures, settings)
     (chunk,) = lay_out_chunks(batch, lanes.x)
+
+    # The derivatives are taken with the multipliers that the solver has at this point.
     measured = measure_chunk(chunk)
     _, (push,) = Program(judge)(batch, settings, lanes, (measured,))
     reduce_chunk = Program(reduce_slices)
-    rows = measured.distance.shape[1]
-    parts = [
-        median_seconds(lambda: measure_chunk(chunk), repeats),
-        median_seconds(lambda: reduce_chunk(measured, *push), repeats),
-    ]
-    microseconds = [1e6 * part / chunk_size for part in parts]
-    print(
-        f"Gauss-Newton system, {number_of_objects} objects ({rows} rows): "
-        f"{sum(microseconds):.1f} us a slice ({microseconds[0]:.1f} values, {microseconds[1]:.1f} derivatives)"
+
+    values = median_seconds(lambda: measure_chunk(chunk), repeats)
+    derivatives = median_seconds(lambda: reduce_chunk(measured, *push), repeats)
+    return SliceTimes(
+        objects=number_of_objects,
+        rows=measured.distance.shape[1],
+        values=values / chunk_size,
+        derivatives=derivatives / chunk_size,
     )
 
 
-def time_keyframes(nodes: list[Node], length: int) -> None:
-    """Verdicts on one batch of prefixes as a search takes them: particles of all, then the NLP of those that no
-    particle proves feasible, from its best particle."""
+def time_keyframes(nodes: Sequence[Node], length: int) -> KeyframeTimes:
+    """Time the verdicts on one batch of prefixes as a search takes them.
+
+    All prefixes get a beam of keyframe candidates. Those that no candidate proves feasible get an NLP, from their best
+    candidate.
+
+    Args:
+        nodes: nodes of prefixes.
+        length: number of actions of those that are timed.
+
+    Returns:
+        Times of a prefix.
+    """
     batch = [node for node in nodes if node.depth == length]
     problems = [node.problem for node in batch if node.problem is not None]
     parents = [node.parent.beam for node in batch if node.parent is not None and node.parent.beam is not None]
     settings = Settings()
-    sampling, solving = [], []
-    for _ in range(6):
+
+    beam_seconds = []
+    nlp_seconds = []
+    for _ in range(KEYFRAME_REPEATS):
         begin = time.perf_counter()
         extended = extend_beams(parents, problems, 0, beam_lanes(problems))
         middle = time.perf_counter()
+
         left = [
-            (problem, keyframe_start(particles, 0, length))
-            for problem, particles in zip(problems, extended, strict=True)
-            if particles.violation.min() > CERTIFIED_PENETRATION
+            (problem, keyframe_start(beam, 0, length))
+            for problem, beam in zip(problems, extended, strict=True)
+            if beam.violation.min() > CERTIFIED_PENETRATION
         ]
         results = solve([problem for problem, _ in left], [x for _, x in left], settings)
-        sampling.append((middle - begin) / len(batch))
-        solving.append((time.perf_counter() - middle) / len(batch))
-    proved, found = len(batch) - len(left), sum(result.feasible for result in results)
-    per_sampling, per_solving = (1e3 * statistics.median(seconds[1:]) for seconds in (sampling, solving))
-    print(
-        f"keyframes of length {length}, {per_sampling + per_solving:.1f} ms a problem in a batch of {len(batch)}: "
-        f"{per_sampling:.1f} ms for particles, which prove {proved} feasible, {per_solving:.1f} ms for the NLPs of the "
-        f"others, {found} feasible"
+        end = time.perf_counter()
+
+        beam_seconds.append((middle - begin) / len(batch))
+        nlp_seconds.append((end - middle) / len(batch))
+
+    return KeyframeTimes(
+        length=length,
+        problems=len(batch),
+        beam=statistics.median(beam_seconds[1:]),
+        nlp=statistics.median(nlp_seconds[1:]),
+        proved=len(batch) - len(left),
+        found=sum(result.feasible for result in results),
     )
 
 
-def time_paths(nodes: list[Node], length: int) -> None:
-    """Path NLPs one by one, from feasible keyframes."""
-    seconds, iterations, feasible = [], [], 0
+def time_paths(nodes: Sequence[Node], length: int) -> PathTimes:
+    """Time path NLPs one by one, from feasible keyframes.
+
+    Args:
+        nodes: nodes of sequences with feasible keyframes.
+        length: number of actions of those that are timed.
+
+    Returns:
+        Median time of a path.
+    """
+    settings = Settings()
+    seconds = []
+    iterations = []
+    feasible = 0
     for node in nodes:
         if node.depth != length or node.problem is None or node.beam is None:
             continue
         x = path_start(node.problem, keyframe_start(node.beam, 0, length))
-        task = [path_problem(node.problem, x)], [x], Settings()
-        solve(*task)
+        problem = path_problem(node.problem, x)
+
+        # The first time may compile.
+        solve([problem], [x], settings)
+
         begin = time.perf_counter()
-        (result,) = solve(*task)
+        (result,) = solve([problem], [x], settings)
         seconds.append(time.perf_counter() - begin)
         iterations.append(result.iterations)
         feasible += result.feasible
-    print(
-        f"path NLPs of length {length}: median {1e3 * statistics.median(seconds):.0f} ms, "
-        f"{statistics.median(iterations):.0f} iterations, {feasible} of {len(seconds)} feasible"
+
+    return PathTimes(
+        length=length,
+        problems=len(seconds),
+        median=statistics.median(seconds),
+        iterations=statistics.median(iterations),
+        feasible=feasible,
     )
 
 
 def run(arguments: list[str]) -> int:
     """Print all times."""
     options = tyro.cli(SpeedOptions, prog="python -m dvr_jax.bench speed", args=arguments)
-    nodes: list[Node] = []
-    drawn: list[Node] = []
+    times: list[SliceTimes | KeyframeTimes | PathTimes] = []
+
+    def keep(measured: SliceTimes | KeyframeTimes | PathTimes) -> None:
+        times.append(measured)
+        print(measured.line(), flush=True)
+
     with jax.enable_x64(True):
-        for number_of_objects in (2, 5):
-            time_slices(number_of_objects, options.repeats)
-        for scene, actions, row in read_problems(options.problems):
-            if row["length"] in (2, 6):
-                node = run_alone(judge_prefix(SequenceTree(scene, k_max=6), actions))
-                if node.parent is not None and node.parent.feasible:
-                    nodes.append(node)
-                    drawn.extend([node] if row["kind"] == "keyframes" else [])
-        for length in (2, 6):
-            time_keyframes(drawn, length)  # path problems were chosen for feasible keyframes, the cheaper ones
-        for length in (2, 6):
-            time_paths([node for node in nodes if node.feasible], length)
+        for number_of_objects in NUMBERS_OF_OBJECTS:
+            keep(time_slices(number_of_objects, options.repeats))
+
+        drawn, sequences = _judge_problems(options.problems)
+        for length in LENGTHS:
+            keep(time_keyframes(drawn, length))
+        for length in LENGTHS:
+            keep(time_paths(sequences, length))
+
+    if options.out is not None:
+        save_metrics(
+            options.out,
+            "speed",
+            [metric for measured in times for metric in measured.metrics()],
+        )
     return 0
+
+
+def _judge_problems(problems: Path | None) -> tuple[list[Node], list[Node]]:
+    """Nodes of keyframe problems with a feasible parent, and nodes with feasible keyframes for the paths."""
+    drawn: list[Node] = []
+    feasible: list[Node] = []
+    for scene, actions, row in read_problems(problems):
+        if row["length"] not in LENGTHS:
+            continue
+        node = run_alone(judge_prefix(SequenceTree(scene, k_max=6), actions))
+        if node.parent is None or not node.parent.feasible:
+            continue
+
+        # Path problems were chosen for feasible keyframes, the cheaper ones.
+        if row["kind"] == "keyframes":
+            drawn.append(node)
+        if node.feasible:
+            feasible.append(node)
+    return drawn, feasible

@@ -1,59 +1,99 @@
-"""Who holds what, from which switch of a motion to which, as its actions say."""
+"""The walk through the actions of a plan: which object is attached to what, from which switch to which."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
-from dvr_jax.errors import DvrError
-from dvr_jax.logic import FACES, Action
+from dvr_jax.checker.operators.operator import (
+    AttachmentInterval,
+    OperatorCheck,
+    Standing,
+    Timeline,
+)
+from dvr_jax.checker.operators.parameter import Arguments, Parameter
+from dvr_jax.checker.operators.start import START_CHECK
+from dvr_jax.errors import MotionError
+from dvr_jax.logic import Action
+from dvr_jax.motion.motion import Motion
 from dvr_jax.scene.types import Scene
-from dvr_jax.workcell.constants import ARM_NAMES
-
-
-@dataclass(frozen=True, slots=True)
-class AttachmentInterval:
-    """Samples start to end - 1, in which an object is held by an arm or stands on a support."""
-
-    object: int
-    start: int
-    end: int
-    arm: int = -1
-    face: str = ""
-    support: str = ""
-    """Where a place has put it; empty for one that stands where the scene has it."""
 
 
 def attachment_timeline(
-    scene: Scene, actions: Sequence[Action], end: int, switch: NDArray[np.int64]
-) -> tuple[AttachmentInterval, ...]:
-    """Each object's spans over samples 0 to end - 1, without gaps; DvrError for an action that does not apply."""
-    indices = {item.name: index for index, item in enumerate(scene.objects)}
-    done: list[AttachmentInterval] = []
-    now = {index: AttachmentInterval(index, 0, end) for index in indices.values()}  # one span of each object is open
-    for number, (action, sample) in enumerate(zip(actions, switch.tolist(), strict=True), start=1):
-        held_by = {span.arm: index for index, span in now.items() if span.arm >= 0}
-        match action:
-            case Action("grasp", (arm, face, name)) if arm in ARM_NAMES and face in FACES and name in indices:
-                if ARM_NAMES.index(arm) in held_by:
-                    raise DvrError(f"action {number}, {action}: {arm} already holds an object; its hand must be empty.")
-                span = AttachmentInterval(indices[name], sample, end, ARM_NAMES.index(arm), face)
-            case Action("place", (arm, name, support)) if name in indices and support in ("table", "goal"):
-                if arm not in ARM_NAMES or held_by.get(ARM_NAMES.index(arm)) != indices[name]:
-                    raise DvrError(f"action {number}, {action}: {arm} does not hold {name}, so it cannot place it.")
-                span = AttachmentInterval(indices[name], sample, end, support=support)
-            case _:
-                raise DvrError(
-                    f"action {number}, {action}: valid are grasp(arm, face, object) and place(arm, object, support) "
-                    f"with arms {', '.join(ARM_NAMES)}; faces {', '.join(FACES)}; objects {', '.join(indices)}; "
-                    "supports table, goal."
-                )
-        done.append(replace(now[span.object], end=sample))
-        now[span.object] = span
-    return tuple(sorted((*done, *now.values()), key=lambda span: (span.start, span.object)))
+    scene: Scene,
+    actions: Sequence[Action],
+    motion: Motion,
+    operators: Sequence[OperatorCheck],
+) -> Timeline:
+    """Divide a motion into the intervals in which objects keep their attachments.
+
+    Args:
+        scene: The scene that the motion starts in.
+        actions: The actions, as many as the motion has switches.
+        motion: The motion.
+        operators: Operators that actions may be of.
+
+    Returns:
+        The intervals of all objects over all samples, without gaps.
+
+    Raises:
+        MotionError: An action has an unknown operator or argument, or does not apply where it stands.
+    """
+    samples = len(motion.time)
+    closed: list[AttachmentInterval] = []
+    current = {
+        index: AttachmentInterval(index, 0, samples, Standing(), START_CHECK, {}) for index in range(len(scene.objects))
+    }
+
+    for number, (action, switch) in enumerate(zip(actions, motion.switch.tolist(), strict=True), start=1):
+        operator, arguments = _read_action(scene, action, operators, number)
+        refusal = operator.refusal(arguments, _held_objects(scene, current.values()))
+        if refusal:
+            raise MotionError(f"action {number}, {action}: {refusal}")
+
+        index = scene.object_index(arguments["object"])
+        attachment = operator.attachment(scene, arguments)
+        closed.append(replace(current[index], end=switch))
+        current[index] = AttachmentInterval(index, switch, samples, attachment, operator, arguments)
+
+    intervals = [*closed, *current.values()]
+    return Timeline(tuple(sorted(intervals, key=lambda interval: (interval.start, interval.object))))
 
 
-def next_interval(story: tuple[AttachmentInterval, ...], span: AttachmentInterval) -> AttachmentInterval | None:
-    """Who has the object after a span."""
-    return next((other for other in story if other.object == span.object and other.start == span.end), None)
+def _held_objects(scene: Scene, intervals: Iterable[AttachmentInterval]) -> dict[str, str]:
+    """Name of the held object of each arm whose hand is not empty."""
+    return {
+        scene.workcell.arm_names[interval.holder]: scene.objects[interval.object].name
+        for interval in intervals
+        if interval.holder is not None
+    }
+
+
+def _read_action(
+    scene: Scene, action: Action, operators: Sequence[OperatorCheck], number: int
+) -> tuple[OperatorCheck, Arguments]:
+    """Operator of an action, and its arguments by the names of the operator's parameters."""
+    for operator in operators:
+        if operator.name == action.operator and _is_valid(scene, action, operator.parameters):
+            names = [parameter.name for parameter in operator.parameters]
+            return operator, dict(zip(names, action.arguments, strict=True))
+    raise MotionError(f"action {number}, {action}: valid are {_valid_actions(scene, operators)}.")
+
+
+def _is_valid(scene: Scene, action: Action, parameters: tuple[Parameter, ...]) -> bool:
+    """Whether an action has a valid argument for each parameter."""
+    if len(action.arguments) != len(parameters):
+        return False
+    return all(
+        argument in parameter.values(scene) for argument, parameter in zip(action.arguments, parameters, strict=True)
+    )
+
+
+def _valid_actions(scene: Scene, operators: Sequence[OperatorCheck]) -> str:
+    """All operators with their parameters, and the valid values of each parameter."""
+    signatures = [
+        f"{operator.name}({', '.join(parameter.name for parameter in operator.parameters)})" for operator in operators
+    ]
+    parameters = {parameter.name: parameter for operator in operators for parameter in operator.parameters}
+    values = [f"{parameter.plural} {', '.join(parameter.values(scene))}" for parameter in parameters.values()]
+    return f"{' and '.join(signatures)} with {'; '.join(values)}"

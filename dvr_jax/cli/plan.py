@@ -2,35 +2,31 @@
 
 from __future__ import annotations
 
-import json
-import platform
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from dvr_jax.errors import DvrError, run_command
-from dvr_jax.motion.motion import save_motion
-from dvr_jax.planning.planner import Plan, plan
-from dvr_jax.runtime.files import require_folder
-from dvr_jax.scene.files import load_scene, scene_to_json
-from dvr_jax.scene.mjcf import scene_xml
-from dvr_jax.search.searches import GUIDED
+from dvr_jax.cli.options import parse_options
+from dvr_jax.errors import OptionError, run_command
 
-EXIT_SOLVED, EXIT_NONE_FOUND = 0, 1
+if TYPE_CHECKING:
+    from dvr_jax.model.predictor import Predictor
+    from dvr_jax.planning.planner import Plan
 
-_REPLACED = ("plan.json", "trajectory.npz", "film.png", "plan.gif")
-"""Files of another plan, of which none may stay: the first one comes last, with what it describes, the others only if a
-plan was found."""
+EXIT_SOLVED = 0
+"""Exit code for a plan whose motion passed the check."""
+
+EXIT_NONE_FOUND = 1
+"""Exit code for a search that ended without a plan."""
 
 
 @dataclass(frozen=True)
 class PlanOptions:
-    """Find a sequence of grasps, handovers and places that solves a scene, and a motion of two arms that carries it
-    out.
+    """Find a sequence of actions that solves a scene, and a motion of the arms that carries it out.
 
     Exit code 0: solved, and the motion passed the independent check; 1: none found; 2: bad input.
     """
@@ -38,100 +34,97 @@ class PlanOptions:
     scene: Annotated[Path, tyro.conf.Positional]
     """Scene file (JSON)."""
     search: Literal["dvr", "classifier", "mbts", "bfs"] = "dvr"
-    """Guided by a network as in the paper or by a feasibility classifier; multi-bound tree search; breadth-first."""
+    """Guided by a network as in the paper (dvr), guided by a feasibility classifier (classifier), multi-bound tree
+    search (mbts), or breadth-first search (bfs)."""
     network: Path | None = None
-    """Trained network of the search's kind, for dvr and classifier: a file network.npz, or a training's folder; by
-    default the shipped one."""
+    """Trained network of the search's kind, for dvr and classifier: a file network.npz, or the folder of a training.
+    By default the shipped network."""
     k_max: int = 6
     """Largest number of actions."""
     seed: int = 0
-    """Of all sampling; the same seed gives the same plan."""
+    """Seed of all sampling; the same seed gives the same plan."""
     time_limit: float = 300.0
-    """Seconds after which the search gives up. The first plan ever compiles for most of a minute, which counts."""
+    """Seconds after which the search gives up. A machine's first plan compiles for most of a minute, which counts."""
     out: Path | None = None
-    """Folder for plan.json, trajectory.npz, scene.xml, film.png, depth.png and plan.gif; made if missing."""
+    """Folder for plan.json, trajectory.npz, scene.xml, film.png, depth.png and plan.gif; it is made if missing."""
     animation: bool = True
-    """Also write plan.gif (some seconds)."""
+    """Also write plan.gif, which takes some seconds."""
 
 
-def write_plan(folder: Path, result: Plan, animation: bool) -> None:
-    """Write everything that is known of a plan into a folder."""
-    from dvr_jax.drawing.film import (  # half a second that others need not wait
-        save_animation,
-        save_depth_picture,
-        save_film,
-    )
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Plan a scene, print what was found, and write it into a folder.
 
-    folder.mkdir(parents=True, exist_ok=True)
-    for name in _REPLACED:
-        (folder / name).unlink(missing_ok=True)
-    (folder / "scene.xml").write_text(scene_xml(result.scene), encoding="utf-8")
-    save_depth_picture(folder / "depth.png", result.scene)
-    if result.motion is not None:
-        save_motion(folder / "trajectory.npz", result.motion)
-        save_film(folder / "film.png", result.scene, result.actions, result.motion)
-        if animation:
-            save_animation(folder / "plan.gif", result.scene, result.motion)
-    (folder / "plan.json").write_text(json.dumps(describe_plan(result), indent=1) + "\n", encoding="utf-8")
+    Args:
+        arguments: Options as text; None for those of the process.
 
+    Returns:
+        The exit code.
+    """
+    options = parse_options(PlanOptions, "plan", arguments)
 
-def describe_plan(result: Plan) -> dict[str, object]:
-    """What plan.json holds."""
-    report = result.report
-    return {
-        "status": result.status,
-        "actions": [{"operator": action.operator, "arguments": list(action.arguments)} for action in result.actions],
-        "words": list(result.words),
-        "nlps": result.nlps,
-        "verdicts": result.verdicts,
-        "rejected_by_check": result.rejected,
-        "seconds": {stage: round(value, 4) for stage, value in result.seconds.items()},
-        "violations": result.violations,
-        "check": None
-        if report is None
-        else {"passed": report.passed, "deepest_penetration": report.deepest_penetration},
-        "options": result.options,
-        "scene": json.loads(scene_to_json(result.scene)),
-        "versions": {
-            "python": platform.python_version(),
-            **{name: version(name) for name in ("dvr_jax", "jax", "mujoco", "numpy")},
-        },
-    }
+    from dvr_jax.planning.planner import plan
+    from dvr_jax.runtime.files import require_folder
+    from dvr_jax.scene.files import load_scene
 
-
-def main() -> int:
-    """Plan, say what was found, write it."""
-    options = tyro.cli(PlanOptions, prog="python -m dvr_jax.plan")
     scene = load_scene(options.scene)
-    network = None
-    if options.search in GUIDED:
-        from dvr_jax.model.predictor import load_network
+    network = _load_network(options)
+    if options.out is not None:
+        # A folder that cannot be written to is refused now, and not when a plan has been found.
+        require_folder(options.out)
 
-        network = load_network(options.search, options.network)
-    elif options.network is not None:
-        raise DvrError(f"--search {options.search} takes no --network; valid with one: {', '.join(GUIDED)}.")
-    if options.out is not None:
-        require_folder(options.out)  # rather now than when a plan has been found
     result = plan(
-        scene, options.search, options.k_max, options.seed, options.time_limit,
-        progress=lambda line: print(f"  {line}", file=sys.stderr, flush=True),
+        scene,
+        options.search,
+        options.k_max,
+        options.seed,
+        options.time_limit,
+        progress=_report_progress,
         network=network,
-    )  # fmt: skip
-    if result.solved:
-        assert result.motion is not None
-        print(f"solved with {len(result.actions)} actions, a motion of {result.motion.time[-1]:.1f} s:")
-        for number, words in enumerate(result.words, start=1):
-            print(f"  {number}. {words}")
-    else:
-        print(f"none found: {result.status} (at most {options.k_max} actions, {options.time_limit:g} s)")
-    print("NLPs solved: " + (", ".join(f"{count} {bound}" for bound, count in result.nlps.items()) or "none"))
-    print("seconds: " + ", ".join(f"{stage} {value:.2f}" for stage, value in result.seconds.items()))
+    )
+    _print_plan(result, options)
+
     if options.out is not None:
-        write_plan(options.out, result, options.animation)
+        result.save(options.out, animation=options.animation)
         print(f"written to {options.out}/")
+
     return EXIT_SOLVED if result.solved else EXIT_NONE_FOUND
 
 
+def _load_network(options: PlanOptions) -> Predictor | None:
+    """Return the network that an option names, or None for the shipped one."""
+    if options.network is None:
+        return None
+
+    from dvr_jax.search.searches import GUIDED
+
+    if options.search not in GUIDED:
+        raise OptionError(f"--search {options.search} takes no --network; valid with one: {', '.join(GUIDED)}.")
+
+    from dvr_jax.model.predictor import load_network
+
+    return load_network(options.search, options.network)
+
+
+def _print_plan(result: Plan, options: PlanOptions) -> None:
+    """Print the actions of a plan, or why there are none, and what it took."""
+    if result.motion is not None:
+        print(f"solved with {len(result.actions)} actions, a motion of {result.motion.time[-1]:.1f} s:")
+        for number, description in enumerate(result.action_descriptions, start=1):
+            print(f"  {number}. {description}")
+    else:
+        print(f"none found: {result.status} (at most {options.k_max} actions, {options.time_limit:g} s)")
+
+    nlps = ", ".join(f"{count} {bound}" for bound, count in result.nlps.items())
+    print(f"NLPs solved: {nlps or 'none'}")
+
+    seconds = ", ".join(f"{stage} {value:.2f}" for stage, value in result.seconds.items())
+    print(f"seconds: {seconds}")
+
+
+def _report_progress(line: str) -> None:
+    """Print a line about what is going on."""
+    print(f"  {line}", file=sys.stderr, flush=True)
+
+
 if __name__ == "__main__":
-    # What the warm-up still compiles, nobody waits for.
     run_command(main, at_once=True)

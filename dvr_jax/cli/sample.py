@@ -1,40 +1,54 @@
 """Command line `python -m dvr_jax.sample`: draw random scenes into a JSON Lines file."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
-import tyro
-
+from dvr_jax.cli.options import parse_options
 from dvr_jax.errors import run_command
-from dvr_jax.scene.files import save_scenes
-from dvr_jax.scene.sampling import DEFAULT_DISTRIBUTION, SceneDistribution, ShapeChoice, sample_scenes
 
 
 @dataclass(frozen=True)
 class SampleOptions:
-    """Draw random scenes: sizes, positions, turns and the target uniform within ranges, the target occupied in half."""
+    """Draw random scenes: sizes, positions, yaws and target uniform within ranges, the target occupied in half."""
 
     number: int
-    """Scenes to draw."""
+    """Number of scenes."""
     out: Path
-    """JSON Lines file to write, one scene a line; replaced when it exists."""
+    """JSON Lines file to write, one scene a line; it is replaced if it exists."""
     objects: int = 2
-    """Objects in each scene, 1 to 8."""
+    """Number of objects in each scene, 1 to 8."""
     seed: int = 0
-    """Scene i of a seed is the same whatever --number is. Seeds 1 and 2 are the benchmarks',
-    100 to 102 the shipped networks'."""
-    shape: ShapeChoice = "box"
-    """Shapes of the objects; mixed tosses a coin for each."""
-    cubes: float = DEFAULT_DISTRIBUTION.cube_share
-    """Share of the boxes that are small cubes, which one arm cannot hand to the other in the air."""
+    """Seed; scene i of a seed is the same whatever --number is. The benchmarks use seeds 1 and 2, the shipped networks
+    were trained on seeds 100 to 102."""
+    shape: Literal["box", "cylinder", "mixed"] = "box"
+    """Shapes of the objects; with mixed, a coin decides for each object."""
+    cubes: float = 0.25
+    """Fraction of the boxes that are small cubes, which one arm cannot hand to the other in the air."""
 
 
-def main() -> int:
-    """Read the options, draw, write, say what was written."""
-    options = tyro.cli(SampleOptions, prog="python -m dvr_jax.sample")
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Draw scenes and write them.
+
+    Args:
+        arguments: Options as text; None for those of the process.
+
+    Returns:
+        The exit code.
+    """
+    options = parse_options(SampleOptions, "sample", arguments)
+
+    from dvr_jax.scene.files import save_scenes
+    from dvr_jax.scene.random_scenes import sample_scenes
+    from dvr_jax.scene.sampling import SceneDistribution
+
     distribution = SceneDistribution(shape=options.shape, cube_share=options.cubes)
     scenes = tuple(sample_scenes(options.number, options.objects, options.seed, distribution))
     save_scenes(options.out, scenes)
+
     print(f"{len(scenes)} scenes of {options.objects} objects (seed {options.seed}) written to {options.out}")
     return 0
 

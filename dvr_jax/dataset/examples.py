@@ -1,71 +1,109 @@
 """Training examples: the labelled sequences of shards, and some continuations of each refuted prefix, with targets.
 
-A refuted prefix stands for up to thousands of infeasible sequences that differ only after the verdict has been spoken.
-Of these, a few are drawn, without replacement and uniformly among all that have at most k_max actions. There are about
-eight times as many of each further length, so most of them are as long as they may be.
+A refuted prefix stands for up to thousands of infeasible sequences, which differ only in actions after the prefix. A
+few of these are drawn, without replacement and uniformly among all that have at most k_max actions. There are about
+eight times as many continuations of each further length, so most of those drawn are as long as they may be.
 """
 
 import random
 from collections.abc import Iterable, Sequence
-from itertools import pairwise
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import Bool, Float32, Int32
 
-from dvr_jax.dataset.footer import ShardInfo, require_agreement
-from dvr_jax.dataset.shards import SUFFIX, Columns, list_shards, read_columns, read_info
-from dvr_jax.dataset.symbols import SequenceIndex, sequence_index
-from dvr_jax.dataset.targets import Verdicts, targets
+from dvr_jax.dataset.footer import ShardInfo
+from dvr_jax.dataset.known_prefixes import KnownPrefixes
+from dvr_jax.dataset.labelled_scenes import LabelledScene, labelled_scenes
+from dvr_jax.dataset.shards import find_shards, read_columns
+from dvr_jax.dataset.targets import targets
 from dvr_jax.errors import DvrError
-from dvr_jax.nlp.transcription import is_duplicate, refute
-from dvr_jax.scene.files import scene_from_json
+from dvr_jax.operators import OPERATORS, is_duplicate, refute
 from dvr_jax.scene.types import Scene
 
 PADDING = -1
-"""In `Examples.actions` after a sequence's end."""
+"""In `Examples.actions` after the end of a sequence."""
 
 
 class Examples(NamedTuple):
-    """n sequences of at most K = k_max actions; all examples of one scene lie side by side."""
+    """Sequences of at most k_max actions; all examples of one scene lie side by side."""
 
     scenes: list[Scene]
-    """Distinct scenes that have at least one example (S)."""
-    scene: NDArray[np.int32]
-    """Index into `scenes` (n,)."""
-    actions: NDArray[np.int32]
-    """Index into the actions of the scene's grounding, or PADDING (n, K)."""
-    targets: NDArray[np.float32]
-    """f_j of the paper: 1 where the first j actions begin a feasible sequence, else 0, also where padded (n, K)."""
-    weight: NDArray[np.float32]
-    """How much a target counts: 1 where it is known, by `dvr_jax.dataset.targets.Verdicts`, else 0 (n, K)."""
-    refuted_after: NDArray[np.int32]
-    """Number of actions after which a label refutes the sequence, 0 if it is feasible (n,)."""
-    length: NDArray[np.int32]
-    """Number of actions (n,)."""
-    feasible: NDArray[np.bool_]
-    """Verdict on the whole sequence (n,)."""
+    """Distinct scenes that have at least one example."""
+
+    scene: Int32[np.ndarray, " examples"]
+    """Index into `scenes`."""
+
+    actions: Int32[np.ndarray, "examples k_max"]
+    """Index into the actions of the grounding of the scene, or PADDING."""
+
+    targets: Float32[np.ndarray, "examples k_max"]
+    """f_j of the paper: 1 where the first j actions begin a feasible sequence, else 0; 0 where padded."""
+
+    weight: Float32[np.ndarray, "examples k_max"]
+    """1 where a target is known, by `dvr_jax.dataset.known_prefixes`, else 0; 0 where padded."""
+
+    refuted_after: Int32[np.ndarray, " examples"]
+    """Number of actions after which a label refutes the sequence, or 0 if the sequence is feasible."""
+
+    length: Int32[np.ndarray, " examples"]
+    """Number of actions."""
+
+    feasible: Bool[np.ndarray, " examples"]
+    """Verdict on the whole sequence."""
 
 
 class TargetCounts(NamedTuple):
-    """What a network would be trained on."""
+    """Counts of the sequences and targets that a network would be trained on; padding does not count."""
 
     scenes: int
+    """Distinct scenes."""
+
     feasible: int
-    """Sequences."""
+    """Sequences that are feasible."""
+
     infeasible: int
-    """Sequences, drawn continuations included."""
+    """Sequences that are infeasible, drawn continuations included."""
+
     ones: int
-    """Targets, padding not counted."""
+    """Targets that are 1."""
+
     zeros: int
-    """Targets, padding not counted."""
+    """Targets that are 0."""
+
     known_zeros: int
-    """Of these, those that follow from the labels."""
+    """Targets that are 0 and follow from the labels."""
+
     first_zeros: int
-    """Zeros of first actions."""
+    """Targets of first actions that are 0."""
+
     known_first_zeros: int
-    """Of these, those that follow from the labels."""
+    """Targets of first actions that are 0 and follow from the labels."""
+
+
+@dataclass(frozen=True, slots=True)
+class _ExampleOptions:
+    """The options of `load_examples`."""
+
+    completions: int
+    k_max: int
+    seed: int
+    solved_only: bool
+
+
+@dataclass(slots=True)
+class _ExampleLists:
+    """Examples as they are collected, one entry for each sequence."""
+
+    scenes: list[Scene] = field(default_factory=list)
+    scene: list[int] = field(default_factory=list)
+    sequences: list[tuple[int, ...]] = field(default_factory=list)
+    feasible: list[bool] = field(default_factory=list)
+    targets: list[Float32[np.ndarray, " actions"]] = field(default_factory=list)
+    is_known: list[list[bool]] = field(default_factory=list)
+    refuted_after: list[int] = field(default_factory=list)
 
 
 def load_examples(
@@ -75,154 +113,160 @@ def load_examples(
     seed: int = 0,
     solved_only: bool = True,
 ) -> Examples:
-    """The examples of shards and of folders of shards.
+    """Load the examples of shards and of folders of shards.
 
-    Each refuted prefix contributes `completions` of its goal-reaching continuations, or as many as there are, none of
-    them labelled itself nor drawn for another prefix. What is drawn in a scene depends on the seed, on the scene's
-    index and on its labels alone. Sequences longer than k_max are left out before targets are computed. As in the
-    paper, scenes without a feasible sequence are left out unless `solved_only` is false.
+    Each refuted prefix contributes `completions` of its continuations that reach the goal, or as many as there are. No
+    such continuation has a label itself or is drawn for another prefix. The draw in a scene depends on the seed, on the
+    index of the scene and on its labels alone.
+
+    Args:
+        paths: shards and folders of shards.
+        completions: number of continuations to draw for each refuted prefix.
+        k_max: largest number of actions; longer sequences are left out before targets are computed.
+        seed: seed of the draw.
+        solved_only: whether scenes without a feasible sequence are left out, as in the paper.
+
+    Returns:
+        The examples in the order of the shards.
+
+    Raises:
+        DvrError: there is no shard, a shard is broken, or an option is not valid.
     """
     if completions < 0 or k_max < 1:
         raise DvrError(f"completions is {completions} and k_max {k_max}; valid are at least 0 and at least 1.")
+    options = _ExampleOptions(completions, k_max, seed, solved_only)
+
     # Shard by shard: as lists, all sequences of a large data set take ten times the memory of their arrays.
-    parts = [_examples_of(info, completions, k_max, seed, solved_only) for info in find_shards(paths)]
-    first = np.cumsum([0, *(len(part.scenes) for part in parts)])
-    return Examples(
-        [scene for part in parts for scene in part.scenes],
-        np.concatenate([part.scene + number for part, number in zip(parts, first, strict=False)], dtype=np.int32),
-        *(np.concatenate(values) for values in list(zip(*parts, strict=True))[2:]),
-    )
-
-
-def _examples_of(info: ShardInfo, completions: int, k_max: int, seed: int, solved_only: bool) -> Examples:
-    """The examples of one shard."""
+    parts = [_examples_of_shard(info, options) for info in find_shards(paths)]
     scenes: list[Scene] = []
-    scene: list[int] = []
-    sequences: list[tuple[int, ...]] = []
-    feasible: list[bool] = []
-    values: list[NDArray[np.float32]] = []
-    knowledge: list[list[bool]] = []
-    refuted: list[int] = []
-    columns = read_columns(info)
-    for row, symbols, candidate in scenes_of(info, columns):
-        if solved_only and not columns.feasible[slice(*columns.label_ends[row : row + 2])].any():
-            continue  # before anything is drawn for it
-        generator = random.Random(f"{seed} {info.scenes[row]}")
-        own, verdicts, known = _expand(columns, row, candidate, symbols, completions, k_max, generator, str(info))
-        if not own or (solved_only and not any(verdicts)):
-            continue
-        scene += [len(scenes)] * len(own)
-        scenes.append(candidate)
-        sequences += own
-        feasible += verdicts
-        values += targets(own, verdicts)
-        knowledge += map(known.known_steps, own)
-        refuted += map(known.refuted_after, own)
-    length = np.array([len(sequence) for sequence in sequences], dtype=np.int32)
-    filled = np.arange(k_max) < length[:, None]
-    actions = np.full(filled.shape, PADDING, dtype=np.int32)
-    padded, weight = np.zeros((2, *filled.shape), dtype=np.float32)
-    if sequences:  # a mask is filled row by row, in the order of the sequences
-        actions[filled] = [index for sequence in sequences for index in sequence]
-        padded[filled], weight[filled] = np.concatenate(values), np.concatenate(knowledge)
+    scene: list[np.ndarray] = []
+    for part in parts:
+        scene.append(part.scene + np.int32(len(scenes)))
+        scenes += part.scenes
+
     return Examples(
-        scenes,
-        np.array(scene, dtype=np.int32),
-        actions,
-        padded,
-        weight,
-        np.array(refuted, dtype=np.int32),
-        length,
-        np.array(feasible, dtype=np.bool_),
+        scenes=scenes,
+        scene=np.concatenate(scene, dtype=np.int32),
+        actions=np.concatenate([part.actions for part in parts]),
+        targets=np.concatenate([part.targets for part in parts]),
+        weight=np.concatenate([part.weight for part in parts]),
+        refuted_after=np.concatenate([part.refuted_after for part in parts]),
+        length=np.concatenate([part.length for part in parts]),
+        feasible=np.concatenate([part.feasible for part in parts]),
     )
 
 
 def count_targets(examples: Examples) -> TargetCounts:
-    """Counts of sequences by verdict, and of targets by value."""
-    feasible, ones = int(examples.feasible.sum()), int(examples.targets.sum(dtype=np.float64))
-    known = (examples.weight > 0) & (examples.targets == 0)
+    """Count sequences by verdict, and targets by value."""
+    feasible = int(examples.feasible.sum())
+    ones = int(examples.targets.sum(dtype=np.float64))
+    is_known_zero = (examples.weight > 0) & (examples.targets == 0)
     return TargetCounts(
         scenes=len(examples.scenes),
         feasible=feasible,
         infeasible=len(examples.feasible) - feasible,
         ones=ones,
         zeros=int(examples.length.sum()) - ones,
-        known_zeros=int(known.sum()),
+        known_zeros=int(is_known_zero.sum()),
         first_zeros=int((examples.targets[:, :1] == 0).sum()),
-        known_first_zeros=int(known[:, :1].sum()),
+        known_first_zeros=int(is_known_zero[:, :1].sum()),
     )
 
 
-def find_shards(paths: str | Path | Iterable[str | Path]) -> list[ShardInfo]:
-    """The shards that are named, and those of the folders that are named; none at all, or one twice, is an error."""
-    named = [Path(path) for path in ([paths] if isinstance(paths, str | Path) else paths)]
-    infos: list[ShardInfo] = []
-    for path in named:
-        if not path.exists():
-            raise DvrError(f"there is no file or folder {path}; valid are shards (*{SUFFIX}) and folders of them.")
-        infos += list_shards(path) if path.is_dir() else [read_info(path)]
-    if not infos:
-        where = f"in {', '.join(map(str, named))}" if named else "named"
-        raise DvrError(f"there is no shard {where}; valid are files *{SUFFIX} and folders of them.")
-    # A folder is one sweep; different sweeps may be learned from together.
-    infos.sort(key=lambda info: (str(info.path.parent.resolve()), info.footer.first, info.path.name))
-    for before, info in pairwise(infos):
-        if info.path.parent.resolve() == before.path.parent.resolve():
-            require_agreement([before, info])
-    return infos
+def _examples_of_shard(info: ShardInfo, options: _ExampleOptions) -> Examples:
+    """Collect the examples of one shard."""
+    lists = _ExampleLists()
+    for labelled in labelled_scenes(info, read_columns(info), options.solved_only):
+        _collect(lists, labelled, options)
+    return _as_arrays(lists, options.k_max)
 
 
-def scenes_of(info: ShardInfo, columns: Columns) -> Iterable[tuple[int, SequenceIndex, Scene]]:
-    """Row, symbols and scene of those scenes of a shard that have labels."""
-    for row in np.flatnonzero(np.diff(columns.label_ends)).tolist():
-        scene = scene_from_json(columns.json[row], f"{info.path}, scene {info.scenes[row]}")
-        yield row, sequence_index(scene), scene
-
-
-def labelled_sequences(columns: Columns, row: int, symbols: SequenceIndex, source: str) -> list[tuple[int, ...]]:
-    """Actions by number of each label of a shard's scene, in the order of the labels."""
-    first, stop = columns.label_ends[row : row + 2].tolist()
-    ends = columns.action_ends[first : stop + 1].tolist()
-    number = {name: symbols.index_of.get(name, PADDING) for name in columns.names}
-    by_code = np.array([number[name] for name in columns.names] or [PADDING])
-    flat: Sequence[int] = by_code[columns.action[ends[0] : ends[-1]]].tolist()
-    if PADDING in flat:
-        wrong = columns.names[int(columns.action[ends[0] + flat.index(PADDING)])]
-        raise DvrError(f"{source} has a label with the action {wrong!r}, which its scene does not have.")
-    return [tuple(flat[start - ends[0] : end - ends[0]]) for start, end in pairwise(ends)]
-
-
-def _expand(
-    columns: Columns,
-    row: int,
-    scene: Scene,
-    symbols: SequenceIndex,
-    completions: int,
-    k_max: int,
-    generator: random.Random,
-    source: str,
-) -> tuple[list[tuple[int, ...]], list[bool], Verdicts]:
-    """Sequences of one scene, those labelled, then those drawn; their verdicts; what the labels say of any prefix."""
-    labels = slice(*columns.label_ends[row : row + 2].tolist())
-    refuted = columns.refuted_prefix[labels].tolist()
-    labelled = labelled_sequences(columns, row, symbols, source)
-    verdicts = {
-        sequence: verdict
-        for sequence, verdict, prefix in zip(labelled, columns.feasible[labels].tolist(), refuted, strict=True)
-        if not prefix and len(sequence) <= k_max
+def _collect(lists: _ExampleLists, labelled: LabelledScene, options: _ExampleOptions) -> None:
+    """Append the examples of one scene."""
+    feasible_by_sequence = {
+        sequence: feasible for sequence, feasible in labelled.judged.items() if len(sequence) <= options.k_max
     }
-    prefixes = [sequence for sequence, is_prefix in zip(labelled, refuted, strict=True) if is_prefix]
-    good, bad = ([sequence for sequence, verdict in verdicts.items() if verdict == wanted] for wanted in (True, False))
-    actions = list(enumerate(symbols.grounding.actions))
-    impossible = [index for index, action in actions if refute(scene, action) is not None]
-    duplicates = [index for index, action in actions if is_duplicate(scene, action)]
-    known = Verdicts(symbols, good, bad, prefixes, impossible, duplicates)
-    for prefix in prefixes:
-        wanted = completions
-        for sequence in symbols.draw(prefix, k_max, generator) if wanted else ():
-            if sequence not in verdicts:
-                verdicts[sequence] = False
-                wanted -= 1
-                if not wanted:
-                    break
-    return list(verdicts), list(verdicts.values()), known
+    known = _known_prefixes(labelled, feasible_by_sequence)
+
+    # What is drawn for one prefix is not drawn again for another.
+    generator = random.Random(f"{options.seed} {labelled.number}")
+    for prefix in labelled.refuted_prefixes:
+        for sequence in _draw(labelled, prefix, feasible_by_sequence, options, generator):
+            feasible_by_sequence[sequence] = False
+
+    sequences = list(feasible_by_sequence)
+    feasible = list(feasible_by_sequence.values())
+    if not sequences or (options.solved_only and not any(feasible)):
+        return
+    lists.scene += [len(lists.scenes)] * len(sequences)
+    lists.scenes.append(labelled.scene)
+    lists.sequences += sequences
+    lists.feasible += feasible
+    lists.targets += targets(sequences, feasible)
+    lists.is_known += map(known.known_steps, sequences)
+    lists.refuted_after += map(known.refuted_after, sequences)
+
+
+def _known_prefixes(labelled: LabelledScene, feasible_by_sequence: dict[tuple[int, ...], bool]) -> KnownPrefixes:
+    """Gather what the labels and the constants of a scene say of its prefixes."""
+    actions = list(enumerate(labelled.index.grounding.actions))
+    return KnownPrefixes(
+        labelled.index,
+        feasible=[sequence for sequence, feasible in feasible_by_sequence.items() if feasible],
+        infeasible=[sequence for sequence, feasible in feasible_by_sequence.items() if not feasible],
+        refuted=labelled.refuted_prefixes,
+        impossible=[number for number, action in actions if refute(labelled.scene, action, OPERATORS) is not None],
+        duplicates=[number for number, action in actions if is_duplicate(labelled.scene, action, OPERATORS)],
+    )
+
+
+def _draw(
+    labelled: LabelledScene,
+    prefix: tuple[int, ...],
+    taken: dict[tuple[int, ...], bool],
+    options: _ExampleOptions,
+    generator: random.Random,
+) -> list[tuple[int, ...]]:
+    """Draw continuations of a refuted prefix that are not taken yet."""
+    drawn: list[tuple[int, ...]] = []
+    if options.completions == 0:
+        return drawn
+
+    # The draw ends with the last continuation wanted, so that the generator serves the next prefix from there on.
+    for sequence in labelled.index.draw(prefix, options.k_max, generator):
+        if sequence in taken:
+            continue
+        drawn.append(sequence)
+        if len(drawn) == options.completions:
+            break
+    return drawn
+
+
+def _as_arrays(lists: _ExampleLists, k_max: int) -> Examples:
+    """Pad sequences, targets and weights to k_max actions."""
+    length = np.array([len(sequence) for sequence in lists.sequences], dtype=np.int32)
+    is_action = np.arange(k_max) < length[:, None]
+    return Examples(
+        scenes=lists.scenes,
+        scene=np.array(lists.scene, dtype=np.int32),
+        actions=_padded(is_action, lists.sequences, PADDING, np.int32),
+        targets=_padded(is_action, lists.targets, 0, np.float32),
+        weight=_padded(is_action, lists.is_known, 0, np.float32),
+        refuted_after=np.array(lists.refuted_after, dtype=np.int32),
+        length=length,
+        feasible=np.array(lists.feasible, dtype=np.bool_),
+    )
+
+
+def _padded(
+    is_action: Bool[np.ndarray, "examples k_max"],
+    rows: "Sequence[Sequence[float] | np.ndarray]",
+    padding: int,
+    dtype: type[np.int32] | type[np.float32],
+) -> np.ndarray:
+    """Write rows of different lengths into one array."""
+    table = np.full(is_action.shape, padding, dtype=dtype)
+    if len(rows):
+        # A mask is filled row by row, in the order of the sequences.
+        table[is_action] = np.concatenate([np.asarray(row, dtype=dtype) for row in rows])
+    return table

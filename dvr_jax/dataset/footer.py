@@ -1,4 +1,4 @@
-"""What a shard says about itself in its footer: what made it, with which options, and which scenes it covers."""
+"""The footer of a shard: the program and the options that made it, and the scenes that it covers."""
 
 import functools
 import json
@@ -16,44 +16,57 @@ import dvr_jax
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import domain_signature
 
-SCHEMA_VERSION = 1
-"""Counts up whenever a reader of the old files would misread the new ones."""
+FIRST_SCHEMA = 1
+"""The layout of `dvr_jax.dataset.first_layout`, which is still read."""
+
+SCHEMA_VERSION = 2
+"""The layout of `dvr_jax.dataset.layout`, which is written."""
 
 PACKAGES = ("jax", "jaxlib", "mujoco", "numpy", "pyarrow")
 """Packages whose versions are written down."""
 
 
 class Footer(msgspec.Struct, frozen=True, kw_only=True):
-    """The JSON that lies under the key `dvr_jax` of a shard's Parquet metadata."""
+    """The JSON record under the key `dvr_jax` of the Parquet metadata of a shard."""
 
     schema: int
-    """SCHEMA_VERSION of the writer."""
+    """The layout of the columns: FIRST_SCHEMA or SCHEMA_VERSION."""
+
     first: int
     """Index of the first scene."""
+
     stop: int
-    """One more than the index of the last scene: all scenes in between are complete, also those without a label."""
+    """Index of the last scene plus one: all scenes in between are complete, also those without a label."""
+
     labels: int
     """Number of labels."""
+
     seeds: dict[str, int]
-    """Those options that are called `seed` or `..._seed`."""
+    """The options with the name `seed` or `..._seed`."""
+
     options: dict[str, Any]
-    """Of the sweep; all shards of a folder agree in them."""
+    """The options of the sweep; all shards of a folder have the same."""
+
     domain: str
-    """`domain_signature` of the writer."""
+    """`domain_signature` of the program that made the labels."""
+
     versions: dict[str, str]
-    """Of this package, of Python and of PACKAGES."""
+    """Versions of this package, of Python and of PACKAGES."""
 
 
 @dataclass(frozen=True, slots=True)
 class ShardInfo:
-    """A shard's place and footer."""
+    """The place and the footer of a shard."""
 
     path: Path
+    """The Parquet file."""
+
     footer: Footer
+    """What the file says about itself."""
 
     @property
     def scenes(self) -> range:
-        """Indices of the scenes that it covers."""
+        """Indices of the scenes that the shard covers."""
         return range(self.footer.first, self.footer.stop)
 
     def __str__(self) -> str:
@@ -61,15 +74,30 @@ class ShardInfo:
 
 
 def make_footer(scenes: range, labels: int, options: Mapping[str, Any]) -> Footer:
-    """The footer of a shard that is about to be written; options must be JSON and hold a whole number called `seed`."""
+    """Make the footer of a shard that is about to be written.
+
+    Args:
+        scenes: indices of the scenes.
+        labels: number of labels.
+        options: options of the sweep; they must be JSON and hold a whole number called `seed`.
+
+    Returns:
+        The footer with the versions of this installation.
+
+    Raises:
+        DvrError: the options are no JSON, or a seed is no whole number.
+    """
+    # Written and read once, so that the footer holds what a reader of the file will see.
     try:
         plain = json.loads(json.dumps(dict(options), allow_nan=False, sort_keys=True))
     except (TypeError, ValueError) as error:
         raise DvrError(f"the sweep's options {dict(options)} cannot be written as JSON: {error}.") from None
+
     seeds = {name: value for name, value in plain.items() if name == "seed" or name.endswith("_seed")}
     for name, value in {"seed": None, **seeds}.items():
         if type(value) is not int:
             raise DvrError(f"the sweep's option {name!r} is {value!r}; valid is a whole number.")
+
     return Footer(
         schema=SCHEMA_VERSION,
         first=scenes.start,
@@ -82,49 +110,76 @@ def make_footer(scenes: range, labels: int, options: Mapping[str, Any]) -> Foote
     )
 
 
+def encode_footer(footer: Footer) -> bytes:
+    """Write a footer as JSON; equal footers give equal bytes."""
+    return msgspec.json.encode(footer, order="deterministic")
+
+
 def decode_footer(text: bytes, path: Path) -> Footer:
-    """The footer of the file at `path`, if this package can read what it describes."""
+    """Read a footer, and require that this package understands the labels that it describes.
+
+    Args:
+        text: the JSON text.
+        path: the file, for error messages.
+
+    Returns:
+        The footer.
+
+    Raises:
+        DvrError: the text is broken, or the layout or the domain is another one.
+    """
     try:
         schema = json.loads(text)["schema"]
-        if schema != SCHEMA_VERSION:
-            raise DvrError(f"{path} is a shard of schema version {schema!r}; valid is {SCHEMA_VERSION}.")
+        if schema not in (FIRST_SCHEMA, SCHEMA_VERSION):
+            raise DvrError(
+                f"{path} is a shard of schema version {schema!r}; valid are {FIRST_SCHEMA} and {SCHEMA_VERSION}."
+            )
         footer = msgspec.json.decode(text, type=Footer)
         footer.versions["dvr_jax"]
     except (ValueError, LookupError, TypeError, msgspec.MsgspecError) as error:
         raise DvrError(f"{path} has a broken footer ({error}); valid is a shard of dvr_jax.dataset.") from None
+
     if footer.domain != domain_signature():
         raise DvrError(
-            f"{path} was labelled under another domain.pddl (signature {footer.domain}); "
+            f"{path} was labelled under another symbolic domain (signature {footer.domain}); "
             f"valid is {domain_signature()}: its labels speak of other actions."
         )
     return footer
 
 
 def require_agreement(infos: list[ShardInfo]) -> None:
-    """Raise a DvrError unless all options are the same and no scene is covered twice; `infos` are sorted by scene."""
+    """Require that all options are the same and that no scene is covered twice.
+
+    Args:
+        infos: shards of one folder, sorted by scene.
+
+    Raises:
+        DvrError: two shards disagree or overlap; the message names both.
+    """
     for before, info in pairwise(infos):
         if info.footer.options != before.footer.options:
+            difference = _difference(info.footer.options, before.footer.options)
             raise DvrError(
-                f"{info.path} and {before.path} come of different sweeps: {_difference(info.footer, before.footer)}; "
-                "valid is one sweep a folder."
+                f"{info.path} and {before.path} come of different sweeps: {difference}; valid is one sweep a folder."
             )
         if info.footer.first < before.footer.stop:
             raise DvrError(f"{info} and {before} overlap; valid is each scene in one shard: remove one of both.")
 
 
-def _difference(own: Footer, other: Footer) -> str:
-    names = [name for name in own.options.keys() | other.options.keys() if not _same_option(own, other, name)]
-    shown = [f"{name} is {own.options.get(name)!r} and {other.options.get(name)!r}" for name in sorted(names)]
+def _difference(own: Mapping[str, object], other: Mapping[str, object]) -> str:
+    """Name the options in which two sweeps differ."""
+    shown: list[str] = []
+    for name in sorted(own.keys() | other.keys()):
+        in_both = name in own and name in other
+        if not in_both or own[name] != other[name]:
+            shown.append(f"{name} is {own.get(name)!r} and {other.get(name)!r}")
     return ", ".join(shown)
-
-
-def _same_option(own: Footer, other: Footer, name: str) -> bool:
-    return name in own.options and name in other.options and bool(own.options[name] == other.options[name])
 
 
 @functools.cache
 def versions() -> dict[str, str]:
-    """Versions of what makes the labels."""
-    return {"dvr_jax": dvr_jax.__version__, "python": platform.python_version()} | {
-        name: version(name) for name in PACKAGES
-    }
+    """Return the versions of the software that makes the labels."""
+    found = {"dvr_jax": dvr_jax.__version__, "python": platform.python_version()}
+    for name in PACKAGES:
+        found[name] = version(name)
+    return found

@@ -10,8 +10,8 @@ from functools import cache
 
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
 
+from dvr_jax.geometry.arrays import Array
 from dvr_jax.geometry.vectors import materialize
 
 

@@ -20,8 +20,8 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax import Array
 
+from dvr_jax.geometry.arrays import Array
 from dvr_jax.geometry.vectors import (
     TINY,
     Rotation,

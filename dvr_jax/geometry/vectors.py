@@ -14,7 +14,8 @@ from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
-from jax import Array
+
+from dvr_jax.geometry.arrays import Array
 
 Vector = Array
 """(3, ...)."""

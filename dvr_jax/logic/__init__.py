@@ -1,23 +1,21 @@
-"""The symbolic layer: `domain.pddl`, its grounding to bit masks, states, goal and action sequences. No arrays here."""
+"""The symbolic layer: PDDL operators, their grounding to bit masks, states, goal and sequences. It has no arrays."""
 
-from dvr_jax.logic.domain import domain_signature
-from dvr_jax.logic.errors import SymbolicError
-from dvr_jax.logic.grounding import Action, Fact, Grounding
+from dvr_jax.logic.actions import Action, Fact
+from dvr_jax.logic.domain import compose_domain, domain_signature, shipped_action
+from dvr_jax.logic.errors import LogicError
+from dvr_jax.logic.grounding import Grounding
 from dvr_jax.logic.sequences import count_sequences, enumerate_sequences
-from dvr_jax.logic.task import ARMS, FACES, OBJECT_ARGUMENT, describe, ground_actions, object_of
+from dvr_jax.logic.task import ground_actions
 
 __all__ = [
-    "ARMS",
-    "FACES",
-    "OBJECT_ARGUMENT",
     "Action",
     "Fact",
     "Grounding",
-    "SymbolicError",
+    "LogicError",
+    "compose_domain",
     "count_sequences",
-    "describe",
     "domain_signature",
     "enumerate_sequences",
     "ground_actions",
-    "object_of",
+    "shipped_action",
 ]

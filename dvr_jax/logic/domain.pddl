@@ -1,12 +1,13 @@
 ; The symbolic domain of Deep Visual Reasoning: two arms grasp objects and place them.
 ;
-; How to extend it: add an `:action`; the grounder picks it up, and its name is what the program calls the operator.
-; An operator also needs its geometric meaning, registered by operator name where sequences are transcribed.
+; This file is the header: types, constants and predicates. Each operator has its own text, one `(:action ...)`, and the
+; domain is the header with the texts of all operators in it. The name of an action is the name of its operator.
 ; Preconditions and effects may use `and`, `not` of a fact, `forall` and (in preconditions) `=`. Nothing else.
 ; Effects delete first and add afterwards, as everywhere in PDDL.
 ;
-; Whoever grounds this file supplies the arms, the objects of the scene (type `movable`; PDDL keeps the word `object`
-; for itself), the initial facts (every object `on` the table) and the goal (the goal object `on` the goal).
+; The program that grounds the domain supplies the arms, the objects of the scene, the initial facts (every object `on`
+; the table) and the goal (the goal object `on` the goal). Objects have the type `movable`, because PDDL keeps the word
+; `object` for itself.
 
 (define (domain deep-visual-reasoning)
   (:requirements :strips :typing :equality :negative-preconditions :universal-preconditions :conditional-effects)
@@ -20,21 +21,4 @@
   (:predicates
     (holding ?arm - arm ?item - movable)
     (on ?item - movable ?support - support))
-
-  ; The arm's hand is empty. The object may stand anywhere, or be held by another arm: then that arm hands it over.
-  (:action grasp
-    :parameters (?arm - arm ?face - face ?item - movable)
-    :precondition (forall (?held - movable) (not (holding ?arm ?held)))
-    :effect (and
-      (forall (?giver - arm) (not (holding ?giver ?item)))
-      (forall (?support - support) (not (on ?item ?support)))
-      (holding ?arm ?item)))
-
-  ; Any object may be placed on the goal region, and any number of them: whether they fit is a question of geometry.
-  (:action place
-    :parameters (?arm - arm ?item - movable ?support - support)
-    :precondition (holding ?arm ?item)
-    :effect (and
-      (not (holding ?arm ?item))
-      (on ?item ?support)))
 )

@@ -1,171 +1,218 @@
-"""A grounded domain: its states, which actions apply in them, and when the goal is reached.
+"""A grounded domain: its states, the actions that apply in a state, and the goal.
 
-A state is a Python int, bit i of it telling whether `facts[i]` holds. A ground action has four masks: it applies in a
-state s if `s & required == required` and `s & forbidden == 0`, and leads to `s & ~deleted | added`. A sequence of
-actions ends as soon as the goal first holds, so no action is counted after that.
+A state is a Python int. Bit i of a state tells whether `facts[i]` holds. A sequence of actions ends as soon as the goal
+first holds, so no action is counted after that.
 """
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Self
 
-from dvr_jax.logic.errors import SymbolicError, listed
-
-Fact = tuple[str, ...]
-"""Predicate and arguments by the names the user gave, as in `("holding", "left", "yellow")`."""
-
-
-@dataclass(frozen=True, order=True, slots=True)
-class Action:
-    """A ground action by the names the user gave, as in `Action("grasp", ("left", "+x", "yellow"))`."""
-
-    operator: str
-    arguments: tuple[str, ...]
-
-    def __str__(self) -> str:
-        return f"{self.operator}({', '.join(self.arguments)})"
-
-    @classmethod
-    def parse(cls, text: str) -> Self:
-        """The action that `str` wrote, as in "grasp(left, +x, yellow)"."""
-        match = re.fullmatch(r"\s*([^\s(),]+)\s*\(([^()]*)\)\s*", text)
-        if match is None:
-            raise SymbolicError(f"'{text}' is no action; valid is for instance 'grasp(left, +x, yellow)'.")
-        return cls(match[1], tuple(argument.strip() for argument in match[2].split(",")))
-
-
-@dataclass(frozen=True, slots=True)
-class Masks:
-    """What a ground action asks of a state and does to it, as bits over `Grounding.facts`."""
-
-    required: int
-    forbidden: int
-    deleted: int
-    added: int
-
-    def allow(self, state: int) -> bool:
-        """Whether the action is applicable in this state."""
-        return state & self.required == self.required and not state & self.forbidden
+from dvr_jax.logic.actions import Action, Fact, Masks, text_of_fact
+from dvr_jax.logic.errors import LogicError, listed
 
 
 @dataclass(frozen=True, slots=True)
 class Grounding:
-    """All ground actions over one scene's objects, with the initial state and the goal."""
+    """All ground actions over the objects of one scene, with the initial state and the goal."""
 
     actions: tuple[Action, ...]
     """In a fixed order: by operator name, then by arguments in the order in which they were given."""
+
     masks: tuple[Masks, ...]
-    """One per action."""
+    """One for each action."""
+
     facts: tuple[Fact, ...]
-    """The facts that an action can change; a state's bit i is facts[i]."""
+    """The facts that an action can change; bit i of a state stands for facts[i]."""
+
     initial_state: int
+    """The bits of the facts that hold at the start."""
+
     goal: int
-    """The bits that all must hold."""
+    """The bits that all must hold at the end."""
+
     _bit_of: dict[Fact, int] = field(default_factory=dict, init=False, repr=False, compare=False)
     _index_of: dict[Action, int] = field(default_factory=dict, init=False, repr=False, compare=False)
     _applicable: dict[int, tuple[int, ...]] = field(default_factory=dict, init=False, repr=False, compare=False)
     _reaches: dict[tuple[int, int], bool] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        self._bit_of.update({fact: 1 << i for i, fact in enumerate(self.facts)})
-        self._index_of.update({action: i for i, action in enumerate(self.actions)})
+        self._bit_of.update({fact: 1 << index for index, fact in enumerate(self.facts)})
+        self._index_of.update({action: index for index, action in enumerate(self.actions)})
 
     def applicable(self, state: int) -> tuple[int, ...]:
-        """Indices of the actions applicable in this state, ascending; the rule that the goal ends all is not in it."""
+        """Return the indices of the actions that apply in this state, ascending.
+
+        The rule that a sequence ends at the goal is not part of this: actions apply in a goal state too.
+        """
         # Kept per state: a tree search asks for the same few hundred states at thousands of nodes.
         if state not in self._applicable:
-            self._applicable[state] = tuple(i for i, masks in enumerate(self.masks) if masks.allow(state))
+            self._applicable[state] = tuple(index for index, masks in enumerate(self.masks) if masks.allow(state))
         return self._applicable[state]
 
     def successor(self, state: int, index: int) -> int:
-        """The state after action number `index`; an inapplicable action is an error."""
+        """Return the state after an action.
+
+        Args:
+            state: the state before the action.
+            index: the number of the action in `actions`.
+
+        Returns:
+            The state after the action.
+
+        Raises:
+            LogicError: the action does not apply in this state; the message names those that do.
+        """
         masks = self.masks[index]
         if not masks.allow(state):
-            raise SymbolicError(f"{self._why_not(state, index)} {self._what_instead(state)}")
-        return state & ~masks.deleted | masks.added
+            reason = self._explain_inapplicable(state, index)
+            applicable = listed(self.actions[other] for other in self.applicable(state))
+            raise LogicError(f"{reason} Applicable there: {applicable}.")
+        return masks.apply(state)
 
     def is_goal(self, state: int) -> bool:
-        """Whether the goal holds, so that a sequence ends here."""
+        """Return whether the goal holds, so that a sequence ends here."""
         return state & self.goal == self.goal
 
     def holds(self, state: int, predicate: str, *arguments: str) -> bool:
-        """Whether a fact holds in this state, as in `holds(state, "holding", "left", "yellow")`."""
+        """Return whether a fact holds, as in `holds(state, "holding", "left", "yellow")`.
+
+        Args:
+            state: the state to look at.
+            predicate: the name of the predicate.
+            *arguments: the arguments of the predicate, by the names that the user gave.
+
+        Returns:
+            True if the fact holds in the state.
+
+        Raises:
+            LogicError: no action changes this fact, or there is no such fact.
+        """
         fact = (predicate, *arguments)
         if fact not in self._bit_of:
-            raise SymbolicError(f"no fact {_text(fact)} is ever changed; valid: {listed(map(_text, self.facts))}.")
+            valid = listed(map(text_of_fact, self.facts))
+            raise LogicError(f"no fact {text_of_fact(fact)} is ever changed; valid: {valid}.")
         return bool(state & self._bit_of[fact])
 
     def facts_in(self, state: int) -> tuple[Fact, ...]:
-        """The facts that hold in this state."""
+        """Return the facts that hold in this state."""
         return tuple(fact for fact, bit in self._bit_of.items() if state & bit)
 
     def reaches_goal_in(self, state: int, length: int) -> bool:
-        """Whether the goal can first be reached by exactly `length` more actions."""
+        """Return whether the goal can first be reached by exactly this number of further actions.
+
+        Args:
+            state: the state to start from.
+            length: the number of further actions.
+
+        Returns:
+            True if a sequence of this length ends where the goal first holds.
+        """
         if self.is_goal(state) or length <= 0:
             return self.is_goal(state) and length == 0
+
         key = (state, length)
         if key not in self._reaches:
-            successors = dict.fromkeys(self.successor(state, i) for i in self.applicable(state))
+            successors = dict.fromkeys(self.successor(state, index) for index in self.applicable(state))
             self._reaches[key] = any(self.reaches_goal_in(after, length - 1) for after in successors)
         return self._reaches[key]
 
     def can_reach_goal(self, state: int, remaining: int) -> bool:
-        """Whether the goal holds, or can be reached by at most `remaining` more actions."""
+        """Return whether the goal holds, or can be reached by few enough further actions.
+
+        Args:
+            state: the state to start from.
+            remaining: the largest number of further actions.
+
+        Returns:
+            True if a sequence of at most this length ends where the goal first holds.
+        """
         return any(self.reaches_goal_in(state, length) for length in range(remaining + 1))
 
     def index(self, action: Action) -> int:
-        """The number of an action in `actions`; an unknown one is an error that names what is wrong with it."""
+        """Return the number of an action in `actions`.
+
+        Args:
+            action: the action, by the names that the user gave.
+
+        Returns:
+            The number.
+
+        Raises:
+            LogicError: there is no such action; the message names what is wrong with it.
+        """
         if action not in self._index_of:
-            raise SymbolicError(self._why_unknown(action))
+            raise LogicError(self._explain_unknown(action))
         return self._index_of[action]
 
     def apply(self, sequence: Sequence[Action]) -> tuple[int, ...]:
-        """The K + 1 states before, between and after K actions; the first inapplicable action is an error."""
+        """Apply actions one after the other, from the initial state on.
+
+        Args:
+            sequence: K actions.
+
+        Returns:
+            The K + 1 states before, between and after the actions.
+
+        Raises:
+            LogicError: an action is unknown or does not apply; the message names the first one.
+        """
         states = [self.initial_state]
         for step, action in enumerate(sequence, start=1):
             try:
-                states.append(self.successor(states[-1], self.index(action)))
-            except SymbolicError as error:
-                raise SymbolicError(f"action {step} of {len(sequence)}: {error}") from None
+                state = self.successor(states[-1], self.index(action))
+            except LogicError as error:
+                raise LogicError(f"action {step} of {len(sequence)}: {error}") from None
+            states.append(state)
         return tuple(states)
 
     def check_sequence(self, sequence: Sequence[Action]) -> tuple[int, ...]:
-        """As `apply`, and the goal must hold after the last action and not before."""
+        """Apply actions, and require that the goal holds after the last one and not before.
+
+        Args:
+            sequence: K actions.
+
+        Returns:
+            The K + 1 states before, between and after the actions.
+
+        Raises:
+            LogicError: an action does not apply, or the goal first holds elsewhere than at the end.
+        """
         states = self.apply(sequence)
-        goal = " and ".join(map(_text, self.facts_in(self.goal)))
-        first = next((step for step, state in enumerate(states) if self.is_goal(state)), None)
-        if first is None:
-            raise SymbolicError(f"this sequence of length {len(sequence)} does not reach the goal {goal}.")
+        goal = " and ".join(map(text_of_fact, self.facts_in(self.goal)))
+        steps_at_goal = [step for step, state in enumerate(states) if self.is_goal(state)]
+        if not steps_at_goal:
+            raise LogicError(f"this sequence of length {len(sequence)} does not reach the goal {goal}.")
+
+        first = steps_at_goal[0]
         if first < len(sequence):
-            raise SymbolicError(
+            raise LogicError(
                 f"the goal {goal} holds after {first} of {len(sequence)} actions: the sequence must end there."
             )
         return states
 
-    def _why_not(self, state: int, index: int) -> str:
+    def _explain_inapplicable(self, state: int, index: int) -> str:
+        """Say which facts keep an action from applying in a state."""
         masks = self.masks[index]
-        missing = [f"{_text(fact)} does not hold" for fact in self.facts_in(masks.required & ~state)]
-        in_the_way = [f"{_text(fact)} holds" for fact in self.facts_in(masks.forbidden & state)]
-        return f"{self.actions[index]} is not applicable, because {' and '.join(missing + in_the_way)}."
+        missing = self.facts_in(masks.required & ~state)
+        in_the_way = self.facts_in(masks.forbidden & state)
+        reasons = [f"{text_of_fact(fact)} does not hold" for fact in missing]
+        reasons += [f"{text_of_fact(fact)} holds" for fact in in_the_way]
+        return f"{self.actions[index]} is not applicable, because {' and '.join(reasons)}."
 
-    def _what_instead(self, state: int) -> str:
-        return f"Applicable there: {listed(self.actions[i] for i in self.applicable(state))}."
-
-    def _why_unknown(self, action: Action) -> str:
+    def _explain_unknown(self, action: Action) -> str:
+        """Say what is wrong with an action that is not in `actions`, and what would be valid."""
         operators = dict.fromkeys(known.operator for known in self.actions)
         if action.operator not in operators:
             return f"{action}: there is no operator '{action.operator}'; valid: {listed(operators)}."
-        same = [known.arguments for known in self.actions if known.operator == action.operator]
-        if len(action.arguments) != len(same[0]):
-            example = Action(action.operator, same[0])
-            return f"{action}: {action.operator} takes {len(same[0])} arguments, as in {example}."
+
+        arguments_of_operator = [known.arguments for known in self.actions if known.operator == action.operator]
+        example = Action(action.operator, arguments_of_operator[0])
+        number = len(example.arguments)
+        if len(action.arguments) != number:
+            return f"{action}: {action.operator} takes {number} arguments, as in {example}."
+
         for place, argument in enumerate(action.arguments):
-            valid = dict.fromkeys(arguments[place] for arguments in same)
+            valid = dict.fromkeys(arguments[place] for arguments in arguments_of_operator)
             if argument not in valid:
                 return f"{action}: argument {place + 1} is '{argument}'; valid: {listed(valid)}."
         return f"{action} can never be applied: what it requires is fixed and does not hold."
-
-
-def _text(fact: Fact) -> str:
-    return f"{fact[0]}({', '.join(fact[1:])})"

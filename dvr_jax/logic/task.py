@@ -1,85 +1,103 @@
-"""The rearrangement task of Deep Visual Reasoning: from object names to a grounding, and actions in words.
+"""The rearrangement task of Deep Visual Reasoning: from the names of objects and arms to a grounding.
 
-Here is all that Python knows about the contents of `domain.pddl`: which types and constants a scene fills in, that all
-objects start on the table, that the goal object shall be on the goal region, and how a person would say an action.
+Here is all that Python knows about the contents of the domain: the types and constants that a scene fills in, the start
+(all objects on the table) and the goal (the goal object on the goal region).
 """
 
 from collections import Counter
 from collections.abc import Sequence
 from functools import lru_cache
-from pathlib import Path
 
-from dvr_jax.logic.domain import read_domain
-from dvr_jax.logic.errors import SymbolicError, listed
+from dvr_jax.logic.domain import SymbolicDomain
+from dvr_jax.logic.errors import LogicError, listed
 from dvr_jax.logic.grounder import Entity, ground_domain
-from dvr_jax.logic.grounding import Action, Grounding
-
-ARMS = ("left", "right")
-
-FACES = ("+x", "+y", "-x", "-y")
-"""Side faces of an object by their outward normal in its own frame; the paper's eta counts them, 0 to 3."""
-
-PHRASES = {
-    "grasp": "{0} grasps {2} at its {1} face",
-    "place": "{0} places {1} on {2}",
-}
-"""Operator name to words, with the places of its arguments; an operator without an entry is printed as it is."""
-
-OBJECT_ARGUMENT = {"grasp": 2, "place": 1}
-"""Operator name to the place of the object among its arguments."""
-
-
-def object_of(action: Action) -> str:
-    """The object that an action moves from one holder or support to another."""
-    return action.arguments[OBJECT_ARGUMENT[action.operator]]
+from dvr_jax.logic.grounding import Grounding
+from dvr_jax.logic.parsing import read_domain
+from dvr_jax.shapes import FACES
 
 
 def ground_actions(
-    objects: Sequence[str], goal_object: str, arms: Sequence[str] = ARMS, domain_file: Path | None = None
+    objects: Sequence[str],
+    goal_object: str,
+    arms: Sequence[str],
+    action_texts: Sequence[str] | None = None,
 ) -> Grounding:
-    """All actions over these objects, from all of them on the table to the goal object on the goal region.
+    """Ground the task, from all objects on the table to the goal object on the goal region.
 
-    Names are free: they need not be PDDL identifiers, and an object may be called "table" or "left". `domain_file`
-    replaces the package's `domain.pddl`; it must declare the same types, `table`, `goal` and `on`. Groundings of the
-    package's own domain are kept and shared.
+    Names are free: they need not be PDDL identifiers, and an object may be called "table" or "left". The last 64
+    groundings are kept and shared, because scenes with the same names have the same grounding.
+
+    Args:
+        objects: the names of the objects of the scene.
+        goal_object: the name of the object that shall be on the goal region.
+        arms: the names of the arms.
+        action_texts: PDDL texts `(:action ...)` of the operators; by default those of the package's own operators.
+
+    Returns:
+        The ground actions, the initial state and the goal.
+
+    Raises:
+        LogicError: a name is given twice, there is no object or no arm, the goal object is no object, or a text is no
+            PDDL action that fits the header of the domain.
     """
     _check_names("object", objects)
     _check_names("arm", arms)
-    if domain_file is None:
-        return _ground_shipped(tuple(objects), goal_object, tuple(arms))
-    return _ground(tuple(objects), goal_object, tuple(arms), domain_file)
+    texts = None if action_texts is None else tuple(action_texts)
+    return _ground_actions(tuple(objects), goal_object, tuple(arms), texts)
 
 
 @lru_cache(maxsize=64)
-def _ground_shipped(objects: tuple[str, ...], goal_object: str, arms: tuple[str, ...]) -> Grounding:
-    return _ground(objects, goal_object, arms, None)
+def _ground_actions(
+    objects: tuple[str, ...],
+    goal_object: str,
+    arms: tuple[str, ...],
+    action_texts: tuple[str, ...] | None,
+) -> Grounding:
+    return ground_task(read_domain(action_texts), objects, goal_object, arms)
 
 
-def _ground(objects: tuple[str, ...], goal_object: str, arms: tuple[str, ...], domain_file: Path | None) -> Grounding:
+def ground_task(
+    domain: SymbolicDomain,
+    objects: Sequence[str],
+    goal_object: str,
+    arms: Sequence[str],
+) -> Grounding:
+    """Ground the task in any domain that has its types, constants and predicates.
+
+    Args:
+        domain: declares the types `arm` and `movable`, the constants `table` and `goal`, and the predicate `on`.
+        objects: the names of the objects of the scene, all different.
+        goal_object: the name of the object that shall be on the goal region.
+        arms: the names of the arms, all different.
+
+    Returns:
+        The ground actions, the initial state and the goal.
+
+    Raises:
+        LogicError: the goal object is no object, or the domain does not fit the task.
+    """
     if goal_object not in objects:
-        raise SymbolicError(f"the goal object '{goal_object}' is no object of the scene; objects: {listed(objects)}.")
-    arm_entities = [Entity(f"a{i}", "arm", name) for i, name in enumerate(arms)]
-    object_entities = [Entity(f"o{i}", "movable", name) for i, name in enumerate(objects)]
+        raise LogicError(f"the goal object '{goal_object}' is no object of the scene; objects: {listed(objects)}.")
+
+    arm_entities = [Entity(f"a{number}", "arm", name) for number, name in enumerate(arms)]
+    object_entities = [Entity(f"o{number}", "movable", name) for number, name in enumerate(objects)]
+    goal_entity = object_entities[list(objects).index(goal_object)]
     return ground_domain(
-        read_domain(domain_file),
-        arm_entities + object_entities,
+        domain,
+        [*arm_entities, *object_entities],
         initial=[("on", entity.name, "table") for entity in object_entities],
-        goal=[("on", f"o{objects.index(goal_object)}", "goal")],
+        goal=[("on", goal_entity.name, "goal")],
         constant_labels={f"face{eta}": name for eta, name in enumerate(FACES)},
     )
 
 
-def describe(action: Action) -> str:
-    """The action in words, as in "left grasps yellow at its +x face"."""
-    phrase = PHRASES.get(action.operator)
-    return str(action) if phrase is None else phrase.format(*action.arguments)
-
-
 def _check_names(kind: str, names: Sequence[str]) -> None:
+    """Raise a LogicError unless the names are one or more different ones."""
     if isinstance(names, str):
-        raise SymbolicError(f"the {kind} names are one string, {names!r}; wanted is a sequence of names.")
+        raise LogicError(f"the {kind} names are one string, {names!r}; wanted is a sequence of names.")
     if not names:
-        raise SymbolicError(f"there is no {kind}; at least one is needed.")
+        raise LogicError(f"there is no {kind}; at least one is needed.")
+
     twice = [name for name, number in Counter(names).items() if number > 1]
     if twice:
-        raise SymbolicError(f"two {kind}s have the same name: {listed(twice)}.")
+        raise LogicError(f"two {kind}s have the same name: {listed(twice)}.")

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from typing import NamedTuple
 
@@ -26,30 +26,46 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from dvr_jax.errors import DvrError
-from dvr_jax.logic import FACES, OBJECT_ARGUMENT, Action, Grounding, domain_signature
+from dvr_jax.goals import GOAL_SUPPORT
+from dvr_jax.logic import Action, Grounding, domain_signature
 from dvr_jax.logic.errors import listed
+from dvr_jax.operators import OPERATORS, Operator, Parameter
+from dvr_jax.operators.place import TABLE_SUPPORT
 from dvr_jax.scene.types import Scene, SceneObject
+from dvr_jax.shapes import FACES
+from dvr_jax.workcell.workcell import DEFAULT_WORKCELL, Workcell
 
 Symbol = tuple[str, ...]
 """Operator and those of its arguments that are no objects, such as `("grasp", "left", "east")`."""
 
-TRAINED_ARMS = ("left", "right")
+TRAINED_WORKCELL = DEFAULT_WORKCELL
+"""The workcell in which the networks are trained."""
+
+TRAINED_ARMS = TRAINED_WORKCELL.arm_names
 """Names of the two arms with which the networks are trained; a scene's mirror image in x exchanges them."""
 
 DIRECTIONS = ("east", "north", "west", "south")
 """Directions in which a face may look: +x, +y, -x, -y of the world, each within 45 degrees."""
 
-SUPPORTS = ("table", "goal")
+SUPPORTS = (TABLE_SUPPORT, GOAL_SUPPORT)
+"""Supports that the networks know."""
 
-SYMBOLS: tuple[Symbol, ...] = (
-    *product(("grasp",), TRAINED_ARMS, DIRECTIONS),
-    *product(("place",), TRAINED_ARMS, SUPPORTS),
-)
+_WORDS = {Parameter.ARM: TRAINED_ARMS, Parameter.FACE: DIRECTIONS, Parameter.SUPPORT: SUPPORTS}
+"""Words for each kind of argument that is no object."""
+
+
+def _symbols_of(operator: Operator) -> Iterator[Symbol]:
+    """Yield all symbols of an operator."""
+    words = [_WORDS[parameter] for parameter in operator.parameters if parameter is not Parameter.OBJECT]
+    yield from product((operator.name,), *words)
+
+
+SYMBOLS: tuple[Symbol, ...] = tuple(symbol for operator in OPERATORS for symbol in _symbols_of(operator))
 """All symbols; the index of a symbol in this list is its code."""
 
 _CODES = {symbol: code for code, symbol in enumerate(SYMBOLS)}
 
-_PLACES_ON_GOAL = frozenset(product(("place",), TRAINED_ARMS, ("goal",)))
+_PLACES_ON_GOAL = frozenset(symbol for symbol in SYMBOLS if symbol[-1] == GOAL_SUPPORT)
 
 _REVERSED_IN_X = {
     **dict(zip(TRAINED_ARMS, reversed(TRAINED_ARMS), strict=True)),
@@ -172,11 +188,10 @@ def encode_actions(grounding: Grounding, objects: Sequence[SceneObject]) -> Acti
 
 def _split(action: Action, object_index: Mapping[str, int]) -> tuple[int, tuple[str, ...]]:
     """Return the index of an action's object and the action's other arguments."""
-    place = OBJECT_ARGUMENT.get(action.operator)
-    if place is None:
-        raise DvrError(
-            f"{action}: the network knows no operator '{action.operator}'; it knows: {listed(OBJECT_ARGUMENT)}."
-        )
+    known = {operator.name: operator for operator in OPERATORS}
+    if action.operator not in known:
+        raise DvrError(f"{action}: the network knows no operator '{action.operator}'; it knows: {listed(known)}.")
+    place = known[action.operator].parameters.index(Parameter.OBJECT)
 
     name = action.arguments[place]
     if name not in object_index:
@@ -188,9 +203,7 @@ def _split(action: Action, object_index: Mapping[str, int]) -> tuple[int, tuple[
 
 def _symbol(action: Action, words: tuple[str, ...], item: SceneObject) -> Symbol:
     """Return the symbol of an action with these other arguments on this object."""
-    if action.operator == "grasp" and words[1] in FACES:
-        words = (words[0], direction(words[1], item))
-
+    words = tuple(direction(word, item) if word in FACES else word for word in words)
     symbol = (action.operator, *words)
     if symbol not in _CODES:
         same = [" ".join(known[1:]) for known in SYMBOLS if known[0] == action.operator]
@@ -200,7 +213,7 @@ def _symbol(action: Action, words: tuple[str, ...], item: SceneObject) -> Symbol
 
 def _face_normal(word: str, item: SceneObject) -> tuple[float, float]:
     """Return the horizontal normal of a box's face, and zero where the word is no face or the object no box."""
-    if word not in FACES or item.shape == "cylinder":
+    if word not in FACES or not item.kind.has_faces:
         return 0.0, 0.0
     angle = item.yaw + FACES.index(word) * math.pi / 2
     return math.cos(angle), math.sin(angle)
@@ -216,7 +229,7 @@ def direction(face: str, item: SceneObject) -> str:
     Returns:
         One of `DIRECTIONS`.
     """
-    yaw = 0.0 if item.shape == "cylinder" else item.yaw
+    yaw = item.yaw if item.kind.has_faces else 0.0
     quarter_turns = round(yaw / (math.pi / 2))
     return DIRECTIONS[(FACES.index(face) + quarter_turns) % len(DIRECTIONS)]
 
@@ -228,3 +241,27 @@ def input_signature() -> str:
     """
     meaning = repr((domain_signature(), SYMBOLS))
     return hashlib.sha256(meaning.encode()).hexdigest()[:16]
+
+
+def unfit_reason(scene: Scene, operators: Sequence[Operator]) -> str | None:
+    """Say why the networks of this encoding cannot guide a search.
+
+    Args:
+        scene: The scene.
+        operators: Operators that the plan may consist of.
+
+    Returns:
+        The reason in words; None if they can.
+    """
+    if _placement(scene.workcell) != _placement(TRAINED_WORKCELL):
+        return "it was trained in the usual workcell of two arms that face each other, and this scene has another one"
+    unknown = [operator.name for operator in operators if operator not in OPERATORS]
+    if unknown:
+        return f"it does not know the operator {listed(unknown)}"
+    return None
+
+
+def _placement(workcell: Workcell) -> object:
+    """Everything about a workcell but the home postures."""
+    arms = tuple((arm.name, arm.position, arm.yaw) for arm in workcell.arms)
+    return workcell.robot.name, workcell.table, arms

@@ -106,7 +106,7 @@ def depth_images(scene: Scene, image: DepthImage, size: int) -> SceneImages:
     pixels = len(image.depth)
     _check_shapes(scene, image, size)
 
-    height = (empty_depth(scene.home, pixels, pixels) - image.depth) / UNIT_HEIGHT
+    height = (empty_depth(scene.workcell, pixels, pixels) - image.depth) / UNIT_HEIGHT
     height = np.nan_to_num(height, nan=0, posinf=0, neginf=0)
     height = np.clip(height, -LARGEST_HEIGHT, LARGEST_HEIGHT)
 

@@ -24,13 +24,15 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from dvr_jax.errors import DvrError
-from dvr_jax.logic import Grounding, ground_actions
+from dvr_jax.logic import Grounding
+from dvr_jax.model.encoding import unfit_reason
 from dvr_jax.model.export import load_parameters
 from dvr_jax.model.images import SceneImages, scene_images
 from dvr_jax.model.metadata import Kind, NetworkMetadata
 from dvr_jax.model.network import NetworkParameters
 from dvr_jax.model.network_config import NetworkConfig
 from dvr_jax.model.scene_encoding import BATCH_SIZES, SceneEncoding, encode_scene, pad_rows, predict_rows
+from dvr_jax.operators import Operator, ground_scene
 from dvr_jax.scene.types import Scene
 
 SHIPPED = Path(__file__).parents[1] / "networks"
@@ -81,6 +83,18 @@ class Predictor:
         """Sizes of the network; networks of equal size run the same compiled programs."""
         return self.parameters.config
 
+    def unfit_reason(self, scene: Scene, operators: Sequence[Operator]) -> str | None:
+        """Say why the network cannot guide a search; None if it can.
+
+        Args:
+            scene: The scene.
+            operators: Operators that the plan may consist of.
+
+        Returns:
+            The reason in words.
+        """
+        return unfit_reason(scene, operators)
+
     def render(self, scene: Scene) -> SceneImages:
         """Return the images of a scene in the network's size, or the real camera's if there are any."""
         if self.images is not None:
@@ -107,8 +121,7 @@ class Predictor:
             DvrError: The images do not fit the network and the scene, or the network does not know an action.
         """
         if grounding is None:
-            names = [item.name for item in scene.objects]
-            grounding = ground_actions(names, scene.goal.object)
+            grounding = ground_scene(scene)
         if images is None:
             images = self.render(scene)
         self._check_images(images, scene)

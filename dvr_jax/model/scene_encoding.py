@@ -20,8 +20,7 @@ from dvr_jax.model.forward import advance_from_gates, encode_images, encode_symb
 from dvr_jax.model.images import MASKS_PER_IMAGE, SceneImages, stack_images
 from dvr_jax.model.network import NetworkParameters
 from dvr_jax.runtime.compilation import Program
-from dvr_jax.scene.types import Scene
-from dvr_jax.workcell.constants import MAXIMUM_OBJECTS
+from dvr_jax.scene.types import MAXIMUM_OBJECTS, Scene
 
 BATCH_SIZES = (16, 64, 256)
 """Numbers of rows for which a query is compiled; fewer rows are padded, more are split.

@@ -10,9 +10,10 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float, Int, UInt8
 
-from dvr_jax.logic import Grounding, ground_actions
+from dvr_jax.logic import Grounding
 from dvr_jax.model.encoding import ActionCodes, encode_actions, goal_tuple
 from dvr_jax.model.images import ImageStack
+from dvr_jax.operators import ground_scene
 from dvr_jax.scene.types import Scene
 
 
@@ -58,8 +59,7 @@ def build_scene_table(scenes: Sequence[Scene], images: ImageStack) -> SceneTable
     groundings: list[Grounding] = []
     codes: list[ActionCodes] = []
     for scene in scenes:
-        names = [item.name for item in scene.objects]
-        grounding = ground_actions(names, scene.goal.object)
+        grounding = ground_scene(scene)
         groundings.append(grounding)
         codes.append(encode_actions(grounding, scene.objects))
 

@@ -1,21 +1,22 @@
 """Signed distances of everything that can touch, for many slices at once, and the contact wrenches of chosen rows.
 
-ConstraintValues are those of `dvr_jax.nlp.collision_rows`. One that does not count in a slice (an object and the hand that holds it,
-two objects that stand where the scene has them, an absent object) has the distance `FAR` and a zero wrench.
+Rows are those of `dvr_jax.nlp.collision_rows`. A row that does not count in a slice (an object and the hand that holds it,
+two bodies that stand where the scene has them, an absent object) has the distance `FAR` and a zero wrench.
 
-A capsule's distance to an object is dear, and nearly all of them are far: there a lower bound is taken in its place,
-that of the capsule's bounding sphere (`NEAR`)."""
+A capsule's distance to a body is expensive, and nearly all of them are far: there a lower bound is taken in its place, that
+of the capsule's bounding sphere (`NEAR`).
+"""
 
 from __future__ import annotations
 
-from itertools import combinations
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
+from jaxtyping import Bool, Float, Int
 
+from dvr_jax.geometry.arrays import Array
 from dvr_jax.geometry.distances import (
     Prism,
     axis_point_wrench,
@@ -28,158 +29,267 @@ from dvr_jax.geometry.distances import (
     prism_prism,
 )
 from dvr_jax.geometry.vectors import Rotation, Six, Vector, materialize, rotate_back
-from dvr_jax.modes.poses import ObjectPoses
-from dvr_jax.nlp.collision_rows import (
-    ABOVE_TABLE,
-    CAPSULES,
-    CROSS_PAIRS,
-    HOLDING_CAPSULES,
-    SELF_PAIRS,
-    row_bodies,
-)
-from dvr_jax.nlp.compaction import mark, number_of_parts, place, visit
-from dvr_jax.nlp.problem import ABSENT, FIXED
+from dvr_jax.modes.mode import ModeKind, ObjectPoses
+from dvr_jax.nlp.collision_rows import object_pairs, row_bodies, table_capsules
+from dvr_jax.nlp.compaction import count_active, gather_chunk, number_of_groups, slot
 from dvr_jax.runtime.batch_sizes import batch_sizes
-from dvr_jax.workcell.kinematics import load_arm
+from dvr_jax.workcell.model import WorkcellModel
 
 FAR = 1.0
 """Distance given to rows that do not count [m]."""
 
 NEAR = 0.03
-"""A capsule's bounding sphere that is further from an object stands for the capsule [m]. Such a row pushes only while
-its multiplier exceeds the penalty times this, which takes penetrations at updates that add up to as much."""
+"""A capsule's bounding sphere that is farther than this from a body stands for the capsule [m]. Such a row is active only
+while its multiplier exceeds the penalty times this, which takes penetrations at updates that add up to as much."""
+
+
+class Segments(NamedTuple):
+    """Axes of all capsules of all arms in L slices."""
+
+    start: Float[Array, "3 arm_capsules slices"]
+    """First ends [m]."""
+
+    end: Float[Array, "3 arm_capsules slices"]
+    """Second ends [m]."""
+
+    radius: Float[Array, "arm_capsules 1"]
+    """Radii of the capsules [m]."""
+
+
+class Bodies(NamedTuple):
+    """Poses and shapes of N objects and F fixed bodies in L slices, the objects first."""
+
+    rotation: Rotation
+    """Axes (3, 3, N + F, L)."""
+
+    position: Vector
+    """Centers (3, N + F, L) [m]."""
+
+    prism: Prism
+    """Shapes (4, N + F, L)."""
 
 
 class Contacts(NamedTuple):
-    """What the wrenches of L slices come of (`row_wrenches`)."""
+    """What the wrenches of chosen rows are computed from (`row_wrenches`)."""
 
-    ends: tuple[Vector, Vector]
-    """Ends of both arms' capsules, (3, 2 C, L) each."""
-    objects: tuple[Rotation, Vector, Prism]
-    """Poses and shapes of the objects, batch axes (N, L)."""
-    position: Array
-    """(2 C N, L) where on the axis of a capsule, from 0 to 1, its distance to an object is taken; -1 where the row does
-    not count."""
-    wrench: Six
-    """(6, Q, L) of the rows that have a capsule and the table, an object and the table, or two objects."""
+    segments: Segments
+    bodies: Bodies
+    axis_position: Float[Array, "pairs slices"]
+    """Where on the axis of a capsule, from 0 to 1, its distance to a body is taken; -1 where the row does not count."""
+
+    wrench: Float[Array, "6 other_rows slices"]
+    """Wrenches of the rows of a capsule and the table, an object and the table, or two bodies."""
 
 
-def _radii(dtype: jnp.dtype) -> np.ndarray:
-    """(2 C, 1) radii of both arms' capsules [m]."""
-    return np.tile(load_arm().capsule_radii, 2).astype(dtype)[:, None]
+class _NearPairs(NamedTuple):
+    """State of the loop over near pairs of a capsule and a body."""
+
+    first: Array
+    """Number of the first pair of the next pass."""
+
+    found: Array
+    """(2, pairs) exact distance [m] and axis position of the pairs visited so far."""
 
 
-def _capsules_and_objects(
-    a: Vector, b: Vector, R: Rotation, p: Vector, half: Prism, ignored: Array
-) -> tuple[Array, Array]:
-    """Distances of capsules (3, 2 C, L) and objects (N, L), ``FAR`` where ignored (N 2 C, L), and where on the axes
-    they are taken."""
-    C, (N, L) = a.shape[1], p.shape[1:]
-    radii = _radii(a.dtype)
-    middle, along = materialize(((a + b) / 2, (b - a) / 2))
-    # What a sphere around the capsule comes closer than its middle.
-    reach = materialize(jnp.sqrt((along * along).sum(0)) + radii)
-    bound, _ = point_prism(rotate_back(R[:, :, :, None], middle[:, None] - p[:, :, None]), half[:, :, None])
-    bound = materialize(jnp.where(ignored, FAR, (bound - reach).reshape(N * C, L)))
-    marked, together = mark(bound < NEAR, 1), batch_sizes().near_pairs
+def measure_contacts(
+    model: WorkcellModel,
+    starts: Float[Array, "3 arms capsules slices"],
+    ends: Float[Array, "3 arms capsules slices"],
+    objects: ObjectPoses,
+    kind: Int[Array, "objects slices"],
+    bodies: Bodies,
+) -> tuple[Float[Array, "rows slices"], Contacts]:
+    """Distances of all rows [m], and what their wrenches are computed from.
 
-    def add_pairs(state: tuple[Array, Array]) -> tuple[Array, Array]:
-        first, found = state
-        chosen = visit(marked, first, together)
-        (row,), slices = chosen.rows, jnp.minimum(chosen.slices, L - 1)
-        capsule, item = row % C, row // C
-        a0, a1 = materialize((a[:, capsule, slices], b[:, capsule, slices]))
-        pose = materialize((R[:, :, item, slices], p[:, item, slices], half[:, item, slices]))
-        t = nearest_on_axis(a0, a1, *pose)
-        point = materialize(rotate_back(pose[0], a0 + t * (a1 - a0) - pose[1]))
-        exact = point_prism(point, pose[2])[0] - jnp.take(jnp.asarray(radii[:, 0]), capsule)
-        pair = jnp.stack([exact, t])
-        return first + together, jax.lax.dynamic_update_slice_in_dim(found, pair, first.astype(jnp.int32), 1)
+    Args:
+        model: Arms of the workcell.
+        starts: First ends of the capsules' segments [m].
+        ends: Second ends [m].
+        objects: Poses of the objects.
+        kind: `ModeKind` of each object.
+        bodies: Poses and shapes of the objects and the fixed bodies.
+    """
+    L = starts.shape[-1]
+    segments = _flatten(model, starts, ends)
+    between_capsules = _between_capsules(model, starts, ends)
+    on_table = table_capsules(model.structure)
+    table_distance, table_wrench = capsule_plane(
+        segments.start[:, on_table], segments.end[:, on_table], segments.radius[on_table]
+    )
 
-    def some_left(state: tuple[Array, Array]) -> Array:
-        return state[0] < number_of_parts(marked)
+    ignored = _ignored_capsules(model, objects, kind, bodies)
+    near, axis_position = _capsules_and_bodies(segments, bodies, materialize(ignored.reshape(-1, L)))
 
-    nothing = jnp.zeros((), jnp.float32), jnp.zeros((2, N * C * L + together), a.dtype)
-    _, found = jax.lax.while_loop(some_left, add_pairs, nothing)
+    N = kind.shape[0]
+    standing_distance, standing_wrench = _masked(
+        *prism_plane(objects.rotation, objects.position, bodies.prism[:, :N]), ~objects.held.any(0)
+    )
+    others = [(table_distance, table_wrench), (standing_distance, standing_wrench)]
+    if len(object_pairs(N, bodies.position.shape[1] - N)[0]):
+        others.append(_between_bodies(bodies, kind))
+    distances, wrenches = zip(*materialize(others), strict=True)
+
+    contacts = Contacts(segments, bodies, axis_position, jnp.concatenate(wrenches, axis=1))
+    return jnp.concatenate([between_capsules, distances[0], near, *distances[1:]]), contacts
+
+
+def _flatten(model: WorkcellModel, starts: Array, ends: Array) -> Segments:
+    """Segments with arms and capsules on one axis."""
+    shape = (3, -1, starts.shape[-1])
+    radii = jnp.asarray(model.capsule_radii, starts.dtype)
+    radius = jnp.tile(radii, model.structure.number_of_arms)[:, None]
+    return Segments(starts.reshape(shape), ends.reshape(shape), radius)
+
+
+def _between_capsules(model: WorkcellModel, starts: Array, ends: Array) -> Float[Array, "pairs slices"]:
+    """Distances of all capsule pairs, rectangle by rectangle, since picking each pair's ends takes longer."""
+    radii = jnp.asarray(model.capsule_radii, starts.dtype)[:, None]
+    structure = model.structure
+    every = slice(None)
+    rectangles: list[tuple[int | slice, int | slice, slice, slice]] = [
+        (a, b, slice(*near), slice(*far)) for a, b, (near, far) in structure.cross_pairs
+    ]
+    rectangles += [(every, every, slice(*near), slice(*far)) for near, far in structure.self_pairs]
+
+    distances = [
+        capsule_capsule_distance(
+            starts[:, a, near][..., None, :],
+            ends[:, a, near][..., None, :],
+            radii[near, None],
+            starts[:, b, far][..., None, :, :],
+            ends[:, b, far][..., None, :, :],
+            radii[far],
+        ).reshape(-1, starts.shape[-1])
+        for a, b, near, far in rectangles
+    ]
+    return jnp.concatenate(distances) if distances else jnp.zeros((0, starts.shape[-1]), starts.dtype)
+
+
+def _ignored_capsules(
+    model: WorkcellModel, objects: ObjectPoses, kind: Array, bodies: Bodies
+) -> Bool[Array, "bodies arm_capsules slices"]:
+    """Pairs of a body and a capsule that do not count: what a hand holds, and absent objects."""
+    structure = model.structure
+    C = structure.number_of_capsules
+    holds = np.zeros(C, bool)
+    holds[list(structure.holding_capsules)] = True
+
+    ignored = (kind == ModeKind.ABSENT)[:, None]
+    for arm in range(structure.number_of_arms):
+        own = np.zeros(structure.number_of_arms * C, bool)
+        own[arm * C : (arm + 1) * C] = holds
+        ignored = ignored | (objects.held[arm][:, None] & own[:, None])
+
+    fixed = bodies.position.shape[1] - kind.shape[0]
+    return jnp.pad(ignored, [(0, fixed), (0, 0), (0, 0)])
+
+
+def _capsules_and_bodies(
+    segments: Segments, bodies: Bodies, ignored: Bool[Array, "pairs slices"]
+) -> tuple[Float[Array, "pairs slices"], Float[Array, "pairs slices"]]:
+    """Distances [m] of capsules and bodies, `FAR` where ignored, and where on the axes they are taken."""
+    a = segments.start
+    b = segments.end
+    capsules = a.shape[1]
+    number, L = bodies.position.shape[1:]
+
+    # A lower bound for every pair: the distance of the capsule's bounding sphere.
+    middle, half_axis = materialize(((a + b) / 2, (b - a) / 2))
+    sphere_radius = materialize(jnp.sqrt((half_axis * half_axis).sum(0)) + segments.radius)
+    local = rotate_back(bodies.rotation[:, :, :, None], middle[:, None] - bodies.position[:, :, None])
+    bound, _ = point_prism(local, bodies.prism[:, :, None])
+    bound = materialize(jnp.where(ignored, FAR, (bound - sphere_radius).reshape(number * capsules, L)))
+
+    # The exact distance of the near pairs, some at a time.
+    active = count_active(bound < NEAR, 1)
+    chunk_size = batch_sizes().near_pairs
+
+    def measure_chunk(state: _NearPairs) -> _NearPairs:
+        chunk = gather_chunk(active, state.first, chunk_size)
+        pair = _measure_pairs(segments, bodies, chunk.rows[0], jnp.minimum(chunk.slices, L - 1))
+        position = state.first.astype(jnp.int32)
+        found = jax.lax.dynamic_update_slice_in_dim(state.found, pair, position, 1)
+        return _NearPairs(state.first + chunk_size, found)
+
+    def some_left(state: _NearPairs) -> Array:
+        return state.first < number_of_groups(active)
+
+    empty = jnp.zeros((2, number * capsules * L + chunk_size), a.dtype)
+    found = jax.lax.while_loop(some_left, measure_chunk, _NearPairs(jnp.zeros((), jnp.float32), empty)).found
+
     middles = jnp.where(ignored, -1, jnp.full_like(bound, 0.5))
-    distance, position = jnp.where(marked.mask, jnp.take(found, place(marked), axis=1), jnp.stack([bound, middles]))
+    exact = jnp.take(found, slot(active), axis=1)
+    distance, position = jnp.where(active.mask, exact, jnp.stack([bound, middles]))
     return distance, position
 
 
-def _between_capsules(a: Vector, b: Vector) -> Array:
-    """Distances of all pairs of capsules; rectangle by rectangle, since picking each pair's ends takes longer."""
-    L, radii = a.shape[-1], load_arm().capsule_radii.astype(a.dtype)[:, None]
-    both = slice(None)
-    rectangles = [(0, *pair, 1) for pair in CROSS_PAIRS] + [(both, *pair, both) for pair in SELF_PAIRS]
-    return jnp.concatenate(
-        [
-            capsule_capsule_distance(
-                a[:, i, near][..., None, :], b[:, i, near][..., None, :], radii[near, None],
-                a[:, j, far][..., None, :, :], b[:, j, far][..., None, :, :], radii[far],
-            ).reshape(-1, L)
-            for i, near, far, j in rectangles
-        ]
-    )  # fmt: skip
+def _measure_pairs(segments: Segments, bodies: Bodies, row: Array, slices: Array) -> Float[Array, "2 pairs"]:
+    """Exact distance [m] and axis position of pairs of a capsule and a body, by their row and slice."""
+    capsules = segments.start.shape[1]
+    capsule = row % capsules
+    body = row // capsules
+    start, end = materialize((segments.start[:, capsule, slices], segments.end[:, capsule, slices]))
+    rotation, position, prism = materialize(
+        (bodies.rotation[:, :, body, slices], bodies.position[:, body, slices], bodies.prism[:, body, slices])
+    )
+    t = nearest_on_axis(start, end, rotation, position, prism)
+    point = materialize(rotate_back(rotation, start + t * (end - start) - position))
+    distance = point_prism(point, prism)[0] - jnp.take(segments.radius[:, 0], capsule)
+    return jnp.stack([distance, t])
+
+
+def _between_bodies(bodies: Bodies, kind: Array) -> tuple[Float[Array, "pairs slices"], Six]:
+    """Distances [m] and wrenches of two objects, and of an object and a fixed body."""
+    N = kind.shape[0]
+    fixed = bodies.position.shape[1] - N
+    first, second = object_pairs(N, fixed)
+    all_kinds = jnp.pad(kind, [(0, fixed), (0, 0)], constant_values=int(ModeKind.FIXED))
+
+    def pick(index: np.ndarray) -> tuple[Rotation, Vector, Prism]:
+        return bodies.rotation[:, :, index], bodies.position[:, index], bodies.prism[:, index]
+
+    absent = all_kinds == ModeKind.ABSENT
+    stands = all_kinds == ModeKind.FIXED
+    ignored = absent[first] | absent[second] | (stands[first] & stands[second])
+    return _masked(*prism_prism(*materialize((*pick(first), *pick(second)))), ignored)
 
 
 def _masked(distance: Array, wrench: Six, ignored: Array) -> tuple[Array, Six]:
     return jnp.where(ignored, FAR, distance), jnp.where(ignored, 0, wrench)
 
 
-def measure_contacts(a: Vector, b: Vector, objects: ObjectPoses, half: Prism, kind: Array) -> tuple[Array, Contacts]:
-    """Distances (P, L) of all rows in L slices [m], and what their wrenches come of.
+def row_wrenches(
+    model: WorkcellModel, contacts: Contacts, number_of_objects: int, rows: Int[Array, "chosen slices"]
+) -> Float[Array, "6 chosen slices"]:
+    """Wrenches of chosen rows of each slice: the derivatives of their distances by the twists of the bodies.
 
     Args:
-        a, b: ends of the capsules, (3, 2, C, L).
-        objects: poses, batch axes (N, L).
-        half: (4, N, L) shapes of the objects.
-        kind: (N, L) how each object is attached.
+        model: Arms of the workcell.
+        contacts: As of `measure_contacts`.
+        number_of_objects: Number N of objects.
+        rows: Rows, other ones in each slice.
     """
-    (N, L), C = kind.shape, len(CAPSULES)
-    between = _between_capsules(a, b)
-    a, b, radii = a.reshape(3, 2 * C, L), b.reshape(3, 2 * C, L), _radii(a.dtype)
-    on_table = np.array([arm * C + c for arm in range(2) for c in range(ABOVE_TABLE.start, ABOVE_TABLE.stop)])
-    others = [capsule_plane(a[:, on_table], b[:, on_table], radii[on_table])]
-
-    holds = np.array([name in HOLDING_CAPSULES for name in CAPSULES])
-    touching = [objects.held[arm][:, None] & np.pad(holds, (arm * C, (1 - arm) * C))[:, None] for arm in range(2)]
-    ignored = touching[0] | touching[1] | (kind == ABSENT)[:, None]
-    near, position = _capsules_and_objects(a, b, objects.R, objects.p, half, materialize(ignored.reshape(-1, L)))
-
-    others.append(_masked(*prism_plane(objects.R, objects.p, half), ~objects.held.any(0)))
-    if N > 1:
-        i, j = np.array(list(combinations(range(N), 2))).T
-
-        def pick(index: np.ndarray) -> tuple[Rotation, Vector, Prism]:
-            return objects.R[:, :, index], objects.p[:, index], half[:, index]
-
-        absent, fixed = kind == ABSENT, kind == FIXED
-        ignored = absent[i] | absent[j] | (fixed[i] & fixed[j])
-        others.append(_masked(*prism_prism(*materialize((*pick(i), *pick(j)))), ignored))
-    distances, wrenches = zip(*materialize(others), strict=True)
-    contacts = Contacts(
-        ends=(a, b),
-        objects=(objects.R, objects.p, half),
-        position=position,
-        wrench=jnp.concatenate(wrenches, axis=1),
-    )
-    return jnp.concatenate([between, distances[0], near, *distances[1:]]), contacts
-
-
-def row_wrenches(contacts: Contacts, rows: Array) -> Six:
-    """Wrenches (6, k, L) of the rows (k, L) of each slice: derivatives of their distances."""
-    (R, p, half), (a, b) = contacts.objects, contacts.ends
-    N, C = p.shape[1], a.shape[1]
-    first, second, pair, other = (jnp.take(jnp.asarray(table), rows) for table in row_bodies(N))
+    capsules = contacts.segments.start.shape[1]
+    fixed = contacts.bodies.position.shape[1] - number_of_objects
+    table = row_bodies(model.structure, number_of_objects, fixed)
+    first = jnp.take(jnp.asarray(table.first_capsule), rows)
+    second = jnp.take(jnp.asarray(table.second_capsule), rows)
+    pair = jnp.take(jnp.asarray(table.capsule_body_pair), rows)
+    other = jnp.take(jnp.asarray(table.other_row), rows)
 
     def pick(value: Array, index: Array) -> Array:
         index = jnp.broadcast_to(jnp.maximum(index, 0), (*value.shape[:-2], *rows.shape))
         return jnp.take_along_axis(value, index, axis=-2)
 
-    a0, a1, b0, b1 = materialize(tuple(pick(end, index) for index in (first, second) for end in (a, b)))
-    R, p, half = materialize(tuple(pick(value, pair // C) for value in (R, p, half)))
-    t, stored = materialize((pick(contacts.position, pair), pick(contacts.wrench, other)))
+    # All three kinds of rows are evaluated for every row, and one is selected: a program has no branches.
+    segments = contacts.segments
+    a0, a1 = materialize((pick(segments.start, first), pick(segments.end, first)))
+    b0, b1 = materialize((pick(segments.start, second), pick(segments.end, second)))
     _, of_capsules = capsule_capsule(a0, a1, 0.0, b0, b1, 0.0)
-    _, gradient = materialize(point_prism(materialize(rotate_back(R, a0 + t * (a1 - a0) - p)), half))
-    of_object = jnp.where(t < 0, 0, axis_point_wrench(a0, a1, t, R, gradient))
-    return jnp.where(second >= 0, of_capsules, jnp.where(pair >= 0, of_object, stored))
+
+    bodies = contacts.bodies
+    R, p, prism = materialize(tuple(pick(value, pair // capsules) for value in bodies))
+    t, stored = materialize((pick(contacts.axis_position, pair), pick(contacts.wrench, other)))
+    _, gradient = materialize(point_prism(materialize(rotate_back(R, a0 + t * (a1 - a0) - p)), prism))
+    of_body = jnp.where(t < 0, 0, axis_point_wrench(a0, a1, t, R, gradient))
+    return jnp.where(second >= 0, of_capsules, jnp.where(pair >= 0, of_body, stored))

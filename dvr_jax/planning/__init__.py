@@ -1,1 +1,1 @@
-"""From a scene to a checked motion: search, path, check."""
+"""From a scene to a checked motion: planning, verdicts on given sequences, sweeps over many scenes."""

@@ -1,7 +1,6 @@
-"""Feasibility of given action sequences, in batches, for those who want no search.
+"""Feasibility of given action sequences, judged in batches, without a search.
 
-from dvr_jax.planning.feasibility import feasibility
-from dvr_jax.scene.files import load_scene
+from dvr_jax import feasibility, load_scene
 
 scene = load_scene("data/scenes/figure1.json")
 handovers = [
@@ -20,17 +19,19 @@ from dataclasses import dataclass, field
 
 import jax
 
-from dvr_jax.checker.replay import check_motion
-from dvr_jax.errors import DvrError
-from dvr_jax.logic import Action, SymbolicError
+from dvr_jax.checker import CHECKS, OperatorCheck, check_motion
+from dvr_jax.errors import OptionError
+from dvr_jax.logic import Action, LogicError
 from dvr_jax.motion.motion import Motion
+from dvr_jax.operators import OPERATORS, Operator
+from dvr_jax.planning.arguments import describe_value, parse_actions, require_integer, require_scene
 from dvr_jax.planning.path_motion import interpolate
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.node import Node
-from dvr_jax.search.run import Run
+from dvr_jax.search.session import SearchSession
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import Steps, run_alone
-from dvr_jax.solver.engine import NlpSolution
+from dvr_jax.solver.lane_pool import NlpSolution
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,89 +39,180 @@ class Verdict:
     """What is known of one action sequence of a scene."""
 
     actions: tuple[Action, ...]
+    """The sequence."""
     feasible: bool
-    """There is a path within the NLP's tolerances that the independent check accepts. False is the verdict of local
-    optimisation from many starts, not a proof."""
+    """Whether a path was found that meets the NLP's tolerances and that the independent check accepts.
+
+    False is the verdict of local optimization from many starts, not a proof.
+    """
     bound: str
-    """The bound that refuted the sequence: "symbolic" (too large for a gripper, whatever the motion), "pose",
-    "sequence", "path" or "check"; "" if feasible."""
+    """The bound that refuted the sequence; empty if it is feasible.
+
+    "symbolic" means that an object is too large for a gripper, whatever the motion. The others are "pose", "sequence",
+    "path" and "check".
+    """
     violation: float
-    """Largest violation as a multiple of its tolerance; NaN where no NLP was solved."""
+    """Largest violation of a constraint as a multiple of its tolerance; NaN where no NLP was solved."""
     motion: Motion | None = field(default=None, compare=False, repr=False)
-    """What the check accepted, if the sequence is feasible."""
+    """Motion that the check accepted; None unless the sequence is feasible."""
 
     def __str__(self) -> str:
-        words = "feasible" if self.feasible else f"infeasible by the {self.bound} bound"
-        return f"{' '.join(map(str, self.actions))}: {words}"
+        """Return the actions and the verdict in one line."""
+        verdict = "feasible" if self.feasible else f"infeasible by the {self.bound} bound"
+        return f"{' '.join(map(str, self.actions))}: {verdict}"
 
 
-def feasibility(scene: Scene, sequences: Sequence[Sequence[Action | str]], seed: int = 0) -> list[Verdict]:
-    """Verdicts on sequences of a scene, in their order; prefixes that sequences share are judged once.
+def feasibility(
+    scene: Scene,
+    sequences: Sequence[Sequence[Action | str]],
+    seed: int = 0,
+    operators: Sequence[Operator] = OPERATORS,
+    checks: Sequence[OperatorCheck] = CHECKS,
+) -> list[Verdict]:
+    """Judge action sequences of a scene; prefixes that sequences share are judged once.
 
     Args:
-        scene: a valid scene.
-        sequences: of actions, or of their names as in "grasp(left, +x, yellow)"; each reaches the goal with its last
-        action and not before.
-        seed: of all sampling; the same seed and sequences give the same verdicts. (What proves one feasible may prove a
-        relaxation of another: together, more may be found feasible than one by one.)
+        scene: Valid scene.
+        sequences: Sequences of actions, each as `Action` or as text such as "grasp(left, +x, yellow)". Each sequence
+            reaches the goal with its last action and not before.
+        seed: Seed of all sampling, from 0. The same seed and sequences give the same verdicts. What proves one
+            sequence feasible may prove a relaxation of another one, so more sequences may be found feasible together
+            than one by one.
+        operators: Operators that actions may be of.
+        checks: Their halves in the independent check.
+
+    Returns:
+        One verdict for each sequence, in their order.
 
     Raises:
-        SymbolicError: a sequence that the logic does not allow.
+        OptionError: An argument has a wrong type or value.
+        LogicError: The logic does not allow a sequence, or it does not reach the goal.
+        DvrError: The arms are in collision in the scene's initial state.
     """
     with jax.enable_x64(True):
-        return run_alone(judge(scene, sequences, seed))
+        return run_alone(judge(scene, sequences, seed, operators, checks))
 
 
-def judge(scene: Scene, sequences: Sequence[Sequence[Action | str]], seed: int = 0) -> Steps[list[Verdict]]:
-    """The same as a computation that `dvr_jax.search.work.run_together` runs side by side with those of other
-    scenes."""
-    if seed < 0:
-        raise DvrError(f"the seed is {seed}; valid is a whole number from 0.")
-    parsed = [
-        tuple(Action.parse(action) if isinstance(action, str) else action for action in sequence)
-        for sequence in sequences
-    ]
-    tree = SequenceTree(scene, max(map(len, parsed), default=1), seed)
-    nodes: dict[tuple[Action, ...], Node] = {(): tree.root}
-    for actions in parsed:
-        try:
-            states = tree.grounding.check_sequence(actions)
-        except SymbolicError as error:
-            raise SymbolicError(f"{' '.join(map(str, actions)) or 'the empty sequence'}: {error}") from None
-        for depth in range(1, len(actions) + 1):
-            prefix = actions[:depth]
-            if prefix not in nodes:
-                nodes[prefix] = Node(prefix, states[depth], nodes[prefix[:-1]], reaches_goal=depth == len(actions))
+def judge(
+    scene: Scene,
+    sequences: Sequence[Sequence[Action | str]],
+    seed: int = 0,
+    operators: Sequence[Operator] = OPERATORS,
+    checks: Sequence[OperatorCheck] = CHECKS,
+) -> Steps[list[Verdict]]:
+    """Judge action sequences as `feasibility` does, as a computation that can share batches with others.
+
+    `dvr_jax.search.work.run_together` runs such computations of several scenes side by side.
+
+    Args:
+        scene: Valid scene.
+        sequences: Sequences of actions.
+        seed: Seed of all sampling, from 0.
+        operators: Operators that actions may be of.
+        checks: Their halves in the independent check.
+
+    Returns:
+        A generator that asks for work and ends with the verdicts.
+
+    Raises:
+        OptionError: An argument has a wrong type or value.
+        LogicError: The logic does not allow a sequence, or it does not reach the goal.
+        DvrError: The arms are in collision in the scene's initial state.
+    """
+    scene = require_scene(scene)
+    seed = require_integer("the seed", seed, least=0)
+    parsed = _parse_sequences(sequences)
+
+    longest = max(map(len, parsed), default=1)
+    tree = SequenceTree(scene, longest, seed, operators=operators)
+    leaves = _grow(tree, parsed)
+
     motions: dict[Node, Motion] = {}
 
     def accept(node: Node, path: NlpSolution) -> bool:
         motions[node] = motion_of(scene, node, path)
-        return check_motion(scene, node.actions, motions[node]).passed
+        return check_motion(scene, node.actions, motions[node], checks).passed
 
-    run = Run(tree, accept, lambda line: None)
-    leaves = [nodes[actions] for actions in dict.fromkeys(parsed)]
-    possible = [leaf for leaf in leaves if not tree.refute_by_constants(leaf)]
-    for leaf in (yield from run.judge_leaves(possible)):
-        yield from run.try_path(leaf)
-    return [_verdict(nodes[actions], motions) for actions in parsed]
+    # Constants of the scene refute some sequences at once; the bounds judge the others, from cheap to expensive.
+    session = SearchSession(tree, accept, progress=lambda line: None)
+    possible = [leaf for leaf in leaves.values() if not tree.refute_by_constants(leaf)]
+    passed = yield from session.judge_leaves(possible)
+    for leaf in passed:
+        yield from session.try_path(leaf)
+
+    return [_verdict(leaves[actions], motions) for actions in parsed]
+
+
+def _parse_sequences(sequences: object) -> list[tuple[Action, ...]]:
+    """Return the sequences with their actions parsed."""
+    valid = "valid is a list of sequences, such as [['grasp(left, +x, yellow)', 'place(left, yellow, goal)']]"
+
+    if isinstance(sequences, str) or not isinstance(sequences, Sequence):
+        raise OptionError(f"the list of sequences is {describe_value(sequences)}; {valid}.")
+
+    for number, sequence in enumerate(sequences, start=1):
+        if isinstance(sequence, (str, Action)):
+            raise OptionError(f"sequence {number} is the single action {str(sequence)!r}; {valid}.")
+
+    return [parse_actions(f"sequence {number}", sequence) for number, sequence in enumerate(sequences, start=1)]
+
+
+def _grow(tree: SequenceTree, sequences: Sequence[tuple[Action, ...]]) -> dict[tuple[Action, ...], Node]:
+    """Make the nodes of sequences and of their prefixes; return the leaves by their sequence."""
+    nodes: dict[tuple[Action, ...], Node] = {(): tree.root}
+
+    for actions in sequences:
+        try:
+            states = tree.grounding.check_sequence(actions)
+        except LogicError as error:
+            name = " ".join(map(str, actions)) or "the empty sequence"
+            raise LogicError(f"{name}: {error}") from None
+
+        for depth in range(1, len(actions) + 1):
+            prefix = actions[:depth]
+            if prefix not in nodes:
+                parent = nodes[prefix[:-1]]
+                nodes[prefix] = Node(prefix, states[depth], parent, reaches_goal=depth == len(actions))
+
+    return {actions: nodes[actions] for actions in sequences}
 
 
 def _verdict(leaf: Node, motions: Mapping[Node, Motion]) -> Verdict:
-    # A refuted prefix refutes what goes on from it.
-    culprit: Node | None = leaf
-    while culprit is not None and not culprit.refuted_by:
-        culprit = culprit.parent
-    if culprit is None:
-        return Verdict(leaf.actions, bool(leaf.solved), "", leaf.violation, motions.get(leaf))
-    return Verdict(leaf.actions, False, culprit.refuted_by, culprit.violation)
+    """Return the verdict on a sequence; a prefix that is refuted refutes it too."""
+    refuted: Node | None = leaf
+    while refuted is not None and not refuted.refuted_by:
+        refuted = refuted.parent
+
+    if refuted is not None:
+        return Verdict(leaf.actions, False, refuted.refuted_by, refuted.violation)
+
+    return Verdict(leaf.actions, bool(leaf.solved), "", leaf.violation, motions.get(leaf))
 
 
 def passes_check(scene: Scene, node: Node, path: NlpSolution) -> bool:
-    """Whether the independent check accepts a path."""
+    """Say whether the independent check accepts a path.
+
+    Args:
+        scene: Scene of the path.
+        node: Sequence of the path, with its NLP.
+        path: Feasible solution of the path NLP.
+
+    Returns:
+        Whether the motion passes.
+    """
     return check_motion(scene, node.actions, motion_of(scene, node, path)).passed
 
 
 def motion_of(scene: Scene, node: Node, path: NlpSolution) -> Motion:
-    """The motion of a path, at the rate of the check."""
+    """Return the motion of a path, at the rate of the check.
+
+    Args:
+        scene: Scene of the path.
+        node: Sequence of the path, with its NLP.
+        path: Solution of the path NLP.
+
+    Returns:
+        The motion of the whole scene.
+    """
     assert node.problem is not None
     return interpolate(scene, node.problem, path.q, path.m)

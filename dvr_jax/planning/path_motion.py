@@ -1,9 +1,16 @@
 """From the slices of a solved path to a motion of the whole scene at ten times their rate.
 
-Joints run through the slices as monotone cubics, which keep an arm that rests between two slices at rest. In that
-interval before a switch fingers move: at a handover those that take close in its first half, those that give open in
-the second. A slice lasts as long as Franka's limits of joint speed, joint acceleration and finger speed ask for. Held
-objects are carried rigidly by the mode transforms of the NLP, placed with MuJoCo's own kinematics."""
+Notation: a path has T slices for K actions, S = T / K slices an action; each interval between slices gets R samples.
+
+- Joints run through the slices as monotone cubics (F. Fritsch and J. Butland, "A method for constructing local monotone
+  piecewise cubic interpolants", 1984), which keep an arm at rest that rests between two slices.
+- Fingers move in the interval before a switch. At a handover the fingers that take close in the first half of this
+  interval, and the fingers that give open in its second half.
+- One slice lasts as long as the limits of joint speed, joint acceleration and finger speed ask for. With positions
+  q_i at the rate R a slice, a slice of h seconds has the speeds (q_{i+1} - q_i) R / h and the accelerations
+  (q_{i+1} - 2 q_i + q_{i-1}) R^2 / h^2.
+- Held objects are carried rigidly by the mode transforms of the NLP, placed with MuJoCo's own kinematics.
+"""
 
 from __future__ import annotations
 
@@ -11,104 +18,219 @@ import math
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
+from dvr_jax.modes import fixed, held, placed
+from dvr_jax.modes.mode import ModeKind
+from dvr_jax.motion.joint_curve import joint_curve
 from dvr_jax.motion.motion import Motion, make_motion
-from dvr_jax.nlp.problem import HELD_LEFT, PLACED, Problem
-from dvr_jax.scene.mjcf import build_model, qpos_layout
+from dvr_jax.nlp.problem import Problem
+from dvr_jax.scene.layout import qpos_layout
+from dvr_jax.scene.mjcf import build_model
 from dvr_jax.scene.types import Scene
-from dvr_jax.solver.continuous_collision import SAMPLES_PER_SLICE, joint_curve
-from dvr_jax.workcell.constants import ARM_NAMES, FINGER_SPEED, JOINT_ACCELERATION, JOINT_VELOCITY
+from dvr_jax.solver.continuous_collision import SAMPLES_PER_SLICE
+from dvr_jax.workcell.robot import Robot
 
 SHORTEST_SLICE = 0.1
 """Shortest duration of a slice [s]."""
 
-LIMIT_SHARE = 0.9
-"""Share of Franka's limits of joint speed and acceleration, and of finger speed, that a motion may use."""
-
-Floats = NDArray[np.float64]
+LIMIT_FRACTION = 0.9
+"""Fraction of the limits of joint speed, joint acceleration and finger speed that a motion may use."""
 
 
-def interpolate(scene: Scene, problem: Problem, q: Floats, m: Floats) -> Motion:
-    """Motion of a solved path.
+def interpolate(
+    scene: Scene,
+    problem: Problem,
+    q: Float[np.ndarray, "slices joints"],
+    m: Float[np.ndarray, "actions parameters"],
+) -> Motion:
+    """Return the motion of a solved path.
 
     Args:
-        problem: of the path's sequence (no batch axes).
-        q: (T, 14) joint angles [rad].
+        scene: Scene of the path.
+        problem: NLP of the path's sequence, without batch axes.
+        q: (T, joints) joint angles of all arms in the slices [rad].
         m: (K, 4) mode parameters.
+
+    Returns:
+        The motion of the whole scene, with T * 10 + 1 samples.
     """
-    T, K = q.shape[0], m.shape[0]
-    S, R = T // K, SAMPLES_PER_SLICE
+    T = q.shape[0]
+    K = m.shape[0]
+    S = T // K
+    R = SAMPLES_PER_SLICE
+
+    # Slice number and phase of each sample. From the switch on, an object moves as after the action.
     sampled = np.arange(T * R + 1) / R
     phase = np.minimum((sampled / S).astype(int), K - 1)
     phase_after = np.where(np.arange(T * R + 1) == T * R, K, phase)
-    layout = qpos_layout(len(scene.objects))
+
+    # Joints and fingers determine the state of the arms; the objects follow from them.
+    joints = joint_curve(np.asarray(problem.home), q)(sampled)
+    slices_after_rest = sampled - ((phase + 1) * S - 1)
+    fingers = _finger_travels(problem, slices_after_rest, phase)
+
+    layout = qpos_layout(scene)
     qpos = np.zeros((len(sampled), layout.size))
-    joints = joint_curve(problem.home, q)(sampled)
     qpos[:, layout.arm_joints.reshape(-1)] = joints
-    fingers = _finger_travels(problem, sampled - ((phase + 1) * S - 1), phase)
     qpos[:, layout.fingers.reshape(-1)] = np.repeat(fingers, 2, axis=1)
     _carry_objects(scene, problem, m, phase_after, qpos)
-    return make_motion(sampled * _slice_duration(joints, fingers), qpos, (np.arange(K) + 1) * S * R)
+
+    time = sampled * _slice_duration(scene.workcell.robot, joints, fingers)
+    switch = (np.arange(K) + 1) * S * R
+    return make_motion(time, qpos, switch)
 
 
-def _finger_travels(problem: Problem, share: Floats, phase: NDArray[np.int64]) -> Floats:
-    """Travel of both arms' fingers (L, 2) [m] in samples of these phases (L,), at this share (L,) of the interval
-    before their switch, negative earlier."""
-    before, after = problem.opening[phase], problem.opening[phase + 1]
-    both = (before != after).all(axis=1, keepdims=True)
-    half = np.where(after < before, 2 * share[:, None], 2 * share[:, None] - 1)
-    moved = np.clip(np.where(both, half, share[:, None]), 0, 1)
+def _finger_travels(
+    problem: Problem,
+    fraction: Float[np.ndarray, " samples"],
+    phase: Int[np.ndarray, " samples"],
+) -> Float[np.ndarray, "samples arms"]:
+    """Return the travel of each arm's fingers [m].
+
+    Args:
+        problem: NLP of the sequence.
+        fraction: Fraction of the interval before the phase's switch that has passed; negative before the interval.
+        phase: Phase of each sample.
+
+    Returns:
+        Distance of each finger from its hand's middle plane [m].
+    """
+    opening = np.asarray(problem.finger_opening)
+    before = opening[phase]
+    after = opening[phase + 1]
+
+    # Where both hands move, the closing one has the first half of the interval and the opening one the second.
+    is_moving = before != after
+    both_move = is_moving.sum(axis=1, keepdims=True) > 1
+    half = np.where(after < before, 2 * fraction[:, None], 2 * fraction[:, None] - 1)
+    moved = np.clip(np.where(both_move, half, fraction[:, None]), 0, 1)
+
     return (1 - moved) * before + moved * after
 
 
-def _slice_duration(joints: Floats, fingers: Floats) -> float:
-    """Duration of a slice [s] within all limits, of angles (L, 14) and travels (L, 2) at the motion's rate."""
-    steps = np.diff(joints, axis=0) * SAMPLES_PER_SLICE
-    changes = np.diff(steps, axis=0, prepend=0.0, append=0.0) * SAMPLES_PER_SLICE
-    speed = np.abs(steps / np.tile(JOINT_VELOCITY, 2)).max() / LIMIT_SHARE
-    acceleration = np.abs(changes / np.tile(JOINT_ACCELERATION, 2)).max() / LIMIT_SHARE
-    closing = np.abs(np.diff(fingers, axis=0)).max() * SAMPLES_PER_SLICE / FINGER_SPEED / LIMIT_SHARE
-    return max(SHORTEST_SLICE, float(speed), math.sqrt(float(acceleration)), float(closing))
+def _slice_duration(
+    robot: Robot,
+    joints: Float[np.ndarray, "samples joints"],
+    fingers: Float[np.ndarray, "samples arms"],
+) -> float:
+    """Return the shortest duration of a slice that keeps all limits [s].
+
+    Args:
+        robot: Robot that all arms are.
+        joints: Joint angles of all arms at the motion's rate [rad].
+        fingers: Travel of each arm's fingers [m].
+
+    Returns:
+        Duration of a slice [s].
+    """
+    arms = fingers.shape[1]
+    joint_velocity = np.tile(robot.joint_velocity, arms)
+    joint_acceleration = np.tile(robot.joint_acceleration, arms)
+
+    # First and second differences in units of a slice. The motion starts and ends at rest.
+    velocity = np.diff(joints, axis=0) * SAMPLES_PER_SLICE
+    change = np.diff(velocity, axis=0, prepend=0.0, append=0.0) * SAMPLES_PER_SLICE
+
+    by_velocity = np.abs(velocity / joint_velocity).max() / LIMIT_FRACTION
+    by_acceleration = np.abs(change / joint_acceleration).max() / LIMIT_FRACTION
+    finger_velocity = np.abs(np.diff(fingers, axis=0)).max() * SAMPLES_PER_SLICE
+    by_fingers = finger_velocity / robot.finger_speed / LIMIT_FRACTION
+
+    return max(SHORTEST_SLICE, float(by_velocity), math.sqrt(float(by_acceleration)), float(by_fingers))
 
 
-def _carry_objects(scene: Scene, problem: Problem, m: Floats, phase: NDArray[np.int64], qpos: Floats) -> None:
-    """Write the objects' poses into ``qpos``, whose joints are complete."""
+def _carry_objects(
+    scene: Scene,
+    problem: Problem,
+    m: Float[np.ndarray, "actions parameters"],
+    phase: Int[np.ndarray, " samples"],
+    qpos: Float[np.ndarray, "samples states"],
+) -> None:
+    """Write the poses of the objects into `qpos`, whose joints are complete."""
+    columns = qpos_layout(scene).objects
+    hand_position, hand_rotation = _gripper_frames(scene, qpos)
+
+    for k in np.unique(phase):
+        samples = phase == k
+        for n, indices in enumerate(columns):
+            position, rotation = _object_pose(
+                problem,
+                m,
+                int(k),
+                n,
+                hand_position[samples],
+                hand_rotation[samples],
+            )
+            qpos[np.ix_(samples, indices[:3])] = position
+            qpos[np.ix_(samples, indices[3:])] = rotation.as_quat(scalar_first=True)
+
+    _align_quaternion_signs(qpos, columns[:, 3:])
+
+
+def _gripper_frames(
+    scene: Scene,
+    qpos: Float[np.ndarray, "samples states"],
+) -> tuple[Float[np.ndarray, "samples arms 3"], Float[np.ndarray, "samples arms 9"]]:
+    """Return positions [m] and row-major rotation matrices of the arms' gripper centers in the world."""
     model = build_model(scene)
     data = mujoco.MjData(model)
-    sites = [model.site(f"{arm}/gripper").id for arm in ARM_NAMES]
-    # The arrays stay where they are from one sample to the next.
-    state, positions, rotations = data.qpos, data.site_xpos, data.site_xmat
-    all_p, all_R = np.empty((len(qpos), *positions.shape)), np.empty((len(qpos), *rotations.shape))
+    sites = [model.site(f"{arm}/gripper").id for arm in scene.workcell.arm_names]
+
+    # The views are taken once, because MuJoCo's arrays stay where they are from one sample to the next.
+    state = data.qpos
+    site_positions = data.site_xpos
+    site_rotations = data.site_xmat
+
+    positions = np.empty((len(qpos), *site_positions.shape))
+    rotations = np.empty((len(qpos), *site_rotations.shape))
     for sample, values in enumerate(qpos):
         state[:] = values
         mujoco.mj_kinematics(model, data)
-        all_p[sample], all_R[sample] = positions, rotations
-    hand_p, hand_R = all_p[:, sites], all_R[:, sites]
-    for k in np.unique(phase):
-        samples = phase == k
-        for n, columns in enumerate(qpos_layout(len(scene.objects)).objects):
-            kind, action = int(problem.attachment[k, n]), int(problem.attached_by[k, n])
-            if kind >= HELD_LEFT:
-                R_object_hand, p_object_hand = grasp_transform(float(problem.face_yaw[action]), m[action])
-                R = hand_R[samples, kind - HELD_LEFT].reshape(-1, 3, 3) @ R_object_hand.T
-                p, rotation = hand_p[samples, kind - HELD_LEFT] - R @ p_object_hand, Rotation.from_matrix(R)
-            elif kind == PLACED:
-                p, rotation = np.array([*m[action, :2], problem.half[n, 2]]), Rotation.from_euler("z", m[action, 2])
-            else:
-                p, rotation = problem.initial_pose[n, :3], Rotation.from_euler("z", problem.initial_pose[n, 3])
-            qpos[np.ix_(samples, columns[:3])] = p
-            qpos[np.ix_(samples, columns[3:])] = rotation.as_quat(scalar_first=True)
-    # Both signs are the same rotation; between samples that are alike a reader may take a mean.
-    for columns in qpos_layout(len(scene.objects)).objects[:, 3:]:
-        flips = np.sum(qpos[1:, columns] * qpos[:-1, columns], axis=1) < 0
-        qpos[1:, columns] *= np.where(np.cumsum(flips) % 2, -1.0, 1.0)[:, None]
+        positions[sample] = site_positions
+        rotations[sample] = site_rotations
+
+    return positions[:, sites], rotations[:, sites]
 
 
-def grasp_transform(face_yaw: float, m: Floats) -> tuple[Floats, Floats]:
-    """Gripper in the object's frame, rotation (3, 3) and centre (3,), as `dvr_jax.modes.poses.grasp_frame`."""
-    c, s = np.cos(face_yaw + m[3]), np.sin(face_yaw + m[3])
-    n, u, up = np.array([c, s, 0.0]), np.array([-s, c, 0.0]), np.array([0.0, 0.0, 1.0])
-    approach = np.sin(m[2]) * u - np.cos(m[2]) * up
-    return np.stack([np.cross(n, approach), n, approach], axis=1), m[0] * u + m[1] * up
+def _object_pose(
+    problem: Problem,
+    m: Float[np.ndarray, "actions parameters"],
+    phase: int,
+    item: int,
+    hand_position: Float[np.ndarray, "samples arms 3"],
+    hand_rotation: Float[np.ndarray, "samples arms 9"],
+) -> tuple[Float[np.ndarray, "..."], Rotation]:
+    """Return position [m] and rotation of an object in the samples of one phase, one for all where it stands."""
+    kind = int(problem.mode_kind[phase, item])
+    action = int(problem.mode_action[phase, item])
+    if kind == ModeKind.HELD:
+        arm = int(problem.mode_parent[phase, item])
+        R_world_hand = hand_rotation[:, arm].reshape(-1, 3, 3)
+        rotation, position = held.pose_on_host(
+            m[action],
+            float(problem.closing_yaw[action]),
+            R_world_hand,
+            hand_position[:, arm],
+        )
+    elif kind == ModeKind.PLACED:
+        half_height = float(np.asarray(problem.prism)[item, 2])
+        rotation, position = placed.pose_on_host(m[action], half_height)
+    else:
+        rotation, position = fixed.pose_on_host(np.asarray(problem.initial_pose)[item])
+    return position, rotation
+
+
+def _align_quaternion_signs(
+    qpos: Float[np.ndarray, "samples states"],
+    columns: Int[np.ndarray, "objects 4"],
+) -> None:
+    """Give neighboring quaternions of each object the same sign, in place.
+
+    Both signs are the same rotation, but a reader may take the mean of two neighboring samples.
+    """
+    for indices in columns:
+        flips = np.sum(qpos[1:, indices] * qpos[:-1, indices], axis=1) < 0
+        signs = np.where(np.cumsum(flips) % 2, -1.0, 1.0)
+        qpos[1:, indices] *= signs[:, None]

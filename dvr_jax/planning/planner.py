@@ -1,72 +1,36 @@
-"""Plan one scene: search for a sequence, optimise its path, and accept it only if the independent check does.
+"""Plan one scene: search for a sequence, optimize its path, and accept it only if the independent check does.
 
-from dvr_jax.planning.planner import plan
-from dvr_jax.scene.files import load_scene
+from dvr_jax import load_scene, plan
 
 result = plan(load_scene("data/scenes/figure1.json"), k_max=6)
-print(result.status, *result.words, sep="\\n")
+print(result.status, *result.action_descriptions, sep="\\n")
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
 
 import jax
 
-from dvr_jax.checker import CheckReport
-from dvr_jax.checker.replay import check_motion
-from dvr_jax.errors import DvrError
-from dvr_jax.logic import Action, describe
+from dvr_jax.checker import CHECKS, CheckReport, OperatorCheck, check_motion
 from dvr_jax.motion.motion import Motion
+from dvr_jax.operators import OPERATORS, Operator
+from dvr_jax.planning.arguments import require_integer, require_positive, require_scene
 from dvr_jax.planning.feasibility import motion_of
+from dvr_jax.planning.networks import choose_search
+from dvr_jax.planning.result import Plan
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.node import Node
 from dvr_jax.search.predictor import Encoding, Images, SequencePredictor
-from dvr_jax.search.run import SOLVED
-from dvr_jax.search.searches import GUIDED, SEARCHES
 from dvr_jax.search.searches import search as run_search
+from dvr_jax.search.session import Outcome
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.warm import warming_up
-from dvr_jax.solver.engine import NlpSolution
+from dvr_jax.solver.lane_pool import NlpSolution
 
-
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """Result of planning one scene."""
-
-    scene: Scene
-    status: str
-    """"solved", "tree exhausted" (no sequence of at most k_max actions) or "time limit"."""
-    actions: tuple[Action, ...]
-    """Empty unless solved."""
-    motion: Motion | None
-    report: CheckReport | None
-    """The independent check of `motion`."""
-    violations: dict[str, float]
-    """Largest violation of each kind in the path NLP [m or rad]."""
-    seconds: dict[str, float]
-    """Time by stage, and "total" [s]."""
-    nlps: dict[str, int]
-    """NLPs solved by bound; every start counts."""
-    verdicts: dict[str, int]
-    """Prefixes judged by bound."""
-    rejected: int
-    """Feasible paths that the independent check refused."""
-    options: dict[str, object] = field(default_factory=dict)
-    """Search, k_max, seed, checksum of the network (None without) and time limit."""
-
-    @property
-    def solved(self) -> bool:
-        """Whether there is a motion that passes the independent check."""
-        return self.status == SOLVED
-
-    @property
-    def words(self) -> tuple[str, ...]:
-        """The actions in words."""
-        return tuple(describe(action) for action in self.actions)
+__all__ = ["Plan", "plan"]
 
 
 def plan(
@@ -75,82 +39,131 @@ def plan(
     k_max: int = 6,
     seed: int = 0,
     time_limit: float = 300.0,
-    progress: Callable[[str], None] = lambda line: None,
+    progress: Callable[[str], None] | None = None,
     network: SequencePredictor[Images, Encoding] | None = None,
+    operators: Sequence[Operator] = OPERATORS,
+    checks: Sequence[OperatorCheck] = CHECKS,
 ) -> Plan:
-    """Search, optimise and check.
+    """Find a sequence of actions that solves a scene, and a motion that carries it out and passes the check.
 
     Args:
-        scene: a valid scene.
-        search: "dvr" (guided by a network as in the paper), "classifier" (by a feasibility classifier), "mbts"
-        (multi-bound tree search) or "bfs" (breadth-first).
-        k_max: largest number of actions, at least 1.
-        seed: of all sampling; the same seed gives the same plan.
-        time_limit: [s]; looked at between batches, so it is overrun by a few seconds at most once programs are
-        compiled. Compilation, most of a minute on the first plan ever, counts.
-        progress: takes a line about what is going on.
-        network: of the search's kind (`dvr_jax.model.predictor.Predictor.load`), for "dvr" and "classifier"; by default
-        the shipped one.
+        scene: Valid scene.
+        search: "dvr" (guided by a network as in the paper), "classifier" (guided by a feasibility classifier), "mbts"
+            (multi-bound tree search) or "bfs" (breadth-first search).
+        k_max: Largest number of actions, at least 1.
+        seed: Seed of all sampling, from 0. The same seed gives the same plan.
+        time_limit: Time after which the search gives up [s]. The clock is read between batches, so the limit is
+            overrun by a few seconds. Compilation counts; on a machine's first plan it takes most of a minute.
+        progress: Function that takes one line about what is going on; None for silence.
+        network: Network of the search's kind, for "dvr" and "classifier"; None for the shipped one. Where the shipped
+            one was trained in another workcell or for other operators, "mbts" searches in its place.
+        operators: Operators that the plan may consist of.
+        checks: Their halves in the independent check.
+
+    Returns:
+        The plan. Its status says whether a motion was found, and if not, why the search ended.
+
+    Raises:
+        OptionError: An argument has a wrong type or value.
+        DvrError: The arms are in collision in the scene's initial state, or the scene is too large for the network.
     """
-    if k_max < 1:
-        raise DvrError(f"k_max is {k_max}; valid is a whole number from 1.")
-    if seed < 0:
-        raise DvrError(f"the seed is {seed}; valid is a whole number from 0.")
-    if not time_limit > 0:
-        raise DvrError(f"the time limit is {time_limit} s; valid is a positive number.")
-    if search not in SEARCHES:
-        raise DvrError(f"there is no search '{search}'; valid: {', '.join(SEARCHES)}.")
-    if network is not None and search not in GUIDED:
-        raise DvrError(f"the search '{search}' takes no network; valid with one: {', '.join(GUIDED)}.")
-    if network is None and search in GUIDED:
-        # Here and not above: the other searches need not wait for the import of flax.
-        from dvr_jax.model.predictor import load_network
+    scene = require_scene(scene)
+    k_max = require_integer("k_max", k_max, least=1)
+    seed = require_integer("the seed", seed, least=0)
+    time_limit = require_positive("the time limit", time_limit, "s")
+    say = progress or _say_nothing
+    search, chosen_network = choose_search(search, network, scene, operators, say)
 
-        return plan(scene, search, k_max, seed, time_limit, progress, load_network(search))
-    if network is not None and network.kind != search:
-        raise DvrError(f"the network is of the kind '{network.kind}'; the search '{search}' needs one of its own kind.")
     begin = time.monotonic()
-    # A scene that cannot be is refused here, before anything is compiled for it.
-    tree = SequenceTree(scene, k_max, seed, deadline=begin + time_limit)
-    # Tolerances of a micrometre need double precision. Set here and not on import, which must not change other users'
-    # programs.
-    with jax.enable_x64(True), warming_up(scene, k_max, network):
-        accepted: list[tuple[Motion, CheckReport]] = []
-        check_seconds, rejected = 0.0, 0
 
-        def accept(node: Node, path: NlpSolution) -> bool:
-            nonlocal check_seconds, rejected
-            start = time.monotonic()
-            motion = motion_of(scene, node, path)
-            report = check_motion(scene, node.actions, motion)
-            check_seconds += time.monotonic() - start
-            if report.passed:
-                accepted.append((motion, report))
-            else:
-                rejected += 1
-                progress(f"refused by the check: {report.findings[0]}")
-            return report.passed
+    # The tree refuses a scene whose arms collide at home, before anything is compiled for it.
+    tree = SequenceTree(scene, k_max, seed, deadline=begin + time_limit, operators=operators)
+    acceptance = _Acceptance(scene, say, checks)
 
-        outcome = run_search(search, tree, accept, progress, network)
-    motion, report = accepted[-1] if outcome.status == SOLVED else (None, None)
-    total = time.monotonic() - begin
-    seconds = {**outcome.seconds, "check": check_seconds}
+    # Tolerances of a micrometer need double precision. It is switched on here and not on import, because the import of
+    # a package must not change the programs of others.
+    with jax.enable_x64(True), warming_up(scene, k_max, chosen_network, operators):
+        outcome = run_search(search, tree, acceptance.accept, acceptance.progress, chosen_network)
+
+    options: dict[str, object] = {
+        "search": search,
+        "k_max": k_max,
+        "seed": seed,
+        "network": None if chosen_network is None else chosen_network.checksum,
+        "time_limit": time_limit if math.isfinite(time_limit) else None,
+    }
+    return _make_plan(tree, outcome, acceptance, options, total_seconds=time.monotonic() - begin)
+
+
+class _Acceptance:
+    """The last word on a path: its motion and what the independent check says of it."""
+
+    def __init__(self, scene: Scene, progress: Callable[[str], None], checks: Sequence[OperatorCheck]) -> None:
+        self.scene = scene
+        self.checks = checks
+        self.progress = progress
+        self.motion: Motion | None = None
+        """Motion that the check accepted."""
+        self.report: CheckReport | None = None
+        """Report of the check on `motion`."""
+        self.rejected = 0
+        """Number of paths that the check refused."""
+        self.seconds = 0.0
+        """Time spent on motions and their checks [s]."""
+
+    def accept(self, node: Node, path: NlpSolution) -> bool:
+        """Check the motion of a path and keep it if it passes.
+
+        Args:
+            node: Sequence of the path.
+            path: Feasible solution of its path NLP.
+
+        Returns:
+            Whether the check accepts the motion.
+        """
+        start = time.monotonic()
+        motion = motion_of(self.scene, node, path)
+        report = check_motion(self.scene, node.actions, motion, self.checks)
+        self.seconds += time.monotonic() - start
+
+        if report.passed:
+            self.motion = motion
+            self.report = report
+        else:
+            self.rejected += 1
+            self.progress(f"refused by the check: {report.findings[0]}")
+
+        return report.passed
+
+
+def _make_plan(
+    tree: SequenceTree,
+    outcome: Outcome,
+    acceptance: _Acceptance,
+    options: dict[str, object],
+    total_seconds: float,
+) -> Plan:
+    """Collect what the search, the check and the clock have to say."""
+    seconds = {
+        **outcome.seconds,
+        "check": acceptance.seconds,
+        "total": total_seconds,
+    }
     return Plan(
-        scene=scene,
+        scene=tree.scene,
         status=outcome.status,
         actions=outcome.node.actions if outcome.node is not None else (),
-        motion=motion,
-        report=report,
+        motion=acceptance.motion,
+        report=acceptance.report,
         violations=outcome.path.violations if outcome.path is not None else {},
-        seconds={**seconds, "total": total},
+        seconds=seconds,
         nlps=dict(tree.counts.nlps),
         verdicts=dict(tree.counts.verdicts),
-        rejected=rejected,
-        options={
-            "search": search,
-            "k_max": k_max,
-            "seed": seed,
-            "network": network.checksum if network is not None else None,
-            "time_limit": time_limit if math.isfinite(time_limit) else None,
-        },
+        rejected=acceptance.rejected,
+        options=options,
+        operators=tuple(tree.operators),
     )
+
+
+def _say_nothing(line: str) -> None:
+    """Ignore a line of progress."""

@@ -1,1 +1,1 @@
-"""What running programs needs besides the method itself: compilation, threads, processes, files, batch sizes."""
+"""What computations run on: compiled programs and their cache, threads, processes, files, sizes of batches."""

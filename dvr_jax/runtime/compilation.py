@@ -1,4 +1,4 @@
-"""How programs are compiled, and how they are kept on disk, so that only the first run on a machine waits for it."""
+"""Compiled programs: how they are compiled, and how they are kept on disk so that only a machine's first run waits."""
 
 from __future__ import annotations
 
@@ -28,19 +28,26 @@ CPU_OPTIONS: dict[str, Any] = {
     "xla_cpu_use_fusion_emitters": False,
     "xla_disable_hlo_passes": "cse_barrier_expander",
 }
-"""For programs of many small kernels. Handing a kernel of a few microseconds to another thread costs more than it
-saves (an iteration of 60 slices: 5.0 ms with, 2.9 ms without); the older of XLA's two code generators compiles twice as
-fast (`measure`: 5.2 s and 2.8 s) to code of the same speed; and barriers must stay until fusion is done, for
-`dvr_jax.geometry.vectors.materialize` to work (forward kinematics of 60 slices: 0.62 ms without, 0.18 ms with)."""
+"""Options of XLA for programs of many small kernels.
+
+Handing a kernel of a few microseconds to another thread costs more than it saves: an iteration of 60 slices takes
+5.0 ms with it and 2.9 ms without. The older of XLA's two code generators compiles twice as fast (`measure`: 2.8 s
+instead of 5.2 s) to code of the same speed. Barriers must stay until fusion is done, or
+`dvr_jax.geometry.vectors.materialize` has no effect: forward kinematics of 60 slices takes 0.62 ms without the
+barriers and 0.18 ms with them.
+"""
 
 SWITCH = "DVR_JAX_CACHE"
 """Environment variable: a folder for compiled programs in place of the default one, or "off"."""
 
 KEPT = 8
-"""Folders of executables that are kept, each of one state of the sources and the machine; the oldest ones go."""
+"""Number of folders of executables that are kept, each for one state of the sources and the machine."""
 
 DEPENDENCIES = ("jax", "jaxlib", "flax", "mujoco", "numpy")
 """Packages whose versions an executable depends on."""
+
+_PREFIX = "programs-"
+"""Beginning of the name of each folder of executables."""
 
 _SHAPE_AND_TYPE = attrgetter("shape", "dtype")
 
@@ -49,72 +56,122 @@ _R = TypeVar("_R")
 
 
 def cache_folder() -> Path | None:
-    """Where compiled programs are kept: `$DVR_JAX_CACHE`, else `$XDG_CACHE_HOME/dvr_jax` or `~/.cache/dvr_jax`; None:
-    nowhere."""
+    """Return the folder for compiled programs, or None if they are not kept.
+
+    The folder is `$DVR_JAX_CACHE` if that is set ("off" means None), else `$XDG_CACHE_HOME/dvr_jax`, else
+    `~/.cache/dvr_jax`.
+    """
     chosen = os.environ.get(SWITCH)
     if chosen:
         return None if chosen == "off" else Path(chosen)
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "dvr_jax"
+
+    caches = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(caches) / "dvr_jax"
 
 
 class Program(Generic[_P, _R]):
-    """A function that is compiled once for all shapes of its arguments, on this machine and for good.
+    """A function that is compiled once for each set of argument shapes, and whose executables are kept on disk.
 
     JAX's own persistent cache still traces and lowers a function before it can look it up, which takes longer here
-    than all the rest of a plan; this one keeps executables under the shapes and the package's sources. Only functions
-    of this package's modules are kept: nothing else tells one lambda or closure, or another program's, from the next.
-    Called under another transformation it is the plain function."""
+    than all the rest of a plan. This cache finds an executable by the function's name, the shapes of its arguments and
+    the sources of the package. Only functions of this package's modules are kept, because nothing else tells one
+    lambda or closure, or a function of another program, from the next one.
+
+    Called under another transformation of JAX, a program is the plain function.
+    """
 
     def __init__(self, function: Callable[_P, _R]) -> None:
-        """A program of a function of positional arguments only, all of them trees of arrays."""
+        """Wrap a function that takes positional arguments only, all of them trees of arrays."""
         self.__doc__ = function.__doc__
         self._function = function
         self._compiled: dict[object, Callable[..., _R]] = {}
         self._locks: defaultdict[object, Lock] = defaultdict(Lock)
 
     def __call__(self, *args: _P.args, **kwargs: _P.kwargs) -> _R:
-        """Run it, compiled or loaded before if need be; there are no keyword arguments."""
+        """Run the program; the first call with these shapes loads or compiles it.
+
+        Args:
+            args: Trees of arrays.
+            kwargs: None; a program takes positional arguments only.
+
+        Returns:
+            What the function returns.
+        """
         assert not kwargs
         leaves, tree = jax.tree.flatten(args)
+
         if any(issubclass(kind, jax.core.Tracer) for kind in set(map(type, leaves))):
             return self._function(*args)  # type: ignore[call-arg]
+
         key = (jax.config.values["jax_enable_x64"], tree, *map(_SHAPE_AND_TYPE, leaves))
         compiled = self._compiled.get(key)
         if compiled is None:
-            # Another thread may be compiling the same.
-            with self._locks[key]:
-                compiled = self._compiled.get(key)
-                if compiled is None:
-                    compiled = self._compiled[key] = self._load_or_compile(key, args)
+            compiled = self._get_ready(key, args)
+
         return compiled(*args)
 
+    def _get_ready(self, key: tuple[Any, ...], args: tuple[Any, ...]) -> Callable[..., _R]:
+        """Return the executable of a key, which another thread may be compiling at the same time."""
+        with self._locks[key]:
+            compiled = self._compiled.get(key)
+            if compiled is None:
+                compiled = self._load_or_compile(key, args)
+                self._compiled[key] = compiled
+
+        return compiled
+
     def _compile(self, args: tuple[Any, ...]) -> jax.stages.Compiled:
+        """Compile the function for arguments of these shapes."""
         options = CPU_OPTIONS if jax.default_backend() == "cpu" else {}
         return jax.jit(self._function, compiler_options=options).lower(*args).compile()
 
     def _load_or_compile(self, key: tuple[Any, ...], args: tuple[Any, ...]) -> Callable[..., _R]:
-        cache, name = cache_folder(), f"{self._function.__module__}.{self._function.__qualname__}"
-        if cache is None or not name.startswith("dvr_jax.") or "<" in name:
+        """Return the executable from the disk, or compile it and keep it there."""
+        path = self._executable_path(key)
+        if path is None:
             return self._compile(args)
-        digest = hashlib.sha256(repr((name, key)).encode()).hexdigest()
-        path = cache / _surroundings() / f"{name}-{digest[:32]}.executable"
-        _register_linear_algebra()
-        try:
-            program, inputs, outputs = pickle.loads(path.read_bytes())
-            device = jax.devices()[:1]
-            return serialize_executable.deserialize_and_load(program, inputs, outputs, execution_devices=device)
-        except Exception:
-            pass  # Absent, cut short, or of another jaxlib: whatever it is, it is of no use.
+
+        loaded = _load_executable(path)
+        if loaded is not None:
+            return loaded
+
         compiled = self._compile(args)
-        # What JAX's own cache gives back cannot be serialised again: the copy lacks its functions. Sources that were
-        # edited since this process read them are not those of the executable.
+        # What JAX's own cache gives back cannot be serialized again, because the copy lacks its functions. And if the
+        # sources were edited since this process read them, the executable is not the one of the edited sources.
         if jax.config.values["jax_compilation_cache_dir"] is None and _hash_sources() == _SOURCES:
-            _write(path, pickle.dumps(serialize_executable.serialize(compiled)))
+            _write_executable(path, pickle.dumps(serialize_executable.serialize(compiled)))
+
         return compiled
 
+    def _executable_path(self, key: tuple[Any, ...]) -> Path | None:
+        """Return the file for the executable of a key, or None if it is not kept."""
+        cache = cache_folder()
+        name = f"{self._function.__module__}.{self._function.__qualname__}"
+        if cache is None or not name.startswith("dvr_jax.") or "<" in name:
+            return None
 
-def _write(path: Path, content: bytes) -> None:
-    """Whole or not at all; a cache that cannot be written is none."""
+        digest = hashlib.sha256(repr((name, key)).encode()).hexdigest()
+        return cache / _environment_folder() / f"{name}-{digest[:32]}.executable"
+
+
+def _load_executable(path: Path) -> Callable[..., Any] | None:
+    """Return the executable of a file, or None if the file is absent or of no use."""
+    _register_linear_algebra()
+    try:
+        program, inputs, outputs = pickle.loads(path.read_bytes())
+        return serialize_executable.deserialize_and_load(
+            program,
+            inputs,
+            outputs,
+            execution_devices=jax.devices()[:1],
+        )
+    except Exception:
+        # Absent, cut short, or written by another jaxlib: in each case the program is compiled anew.
+        return None
+
+
+def _write_executable(path: Path, content: bytes) -> None:
+    """Write an executable whole or not at all; a cache that cannot be written to is no error."""
     try:
         if not path.parent.is_dir():
             path.parent.mkdir(parents=True)
@@ -125,49 +182,62 @@ def _write(path: Path, content: bytes) -> None:
 
 
 def _remove_oldest(cache: Path) -> None:
-    """Keep the folders that were written last."""
+    """Remove all folders of executables but the `KEPT` ones that were written last."""
     folders = [path for path in cache.iterdir() if path.is_dir() and path.name.startswith(_PREFIX)]
-    for folder in sorted(folders, key=lambda path: path.stat().st_mtime)[:-KEPT]:
+    folders.sort(key=lambda path: path.stat().st_mtime)
+
+    for folder in folders[:-KEPT]:
         shutil.rmtree(folder, ignore_errors=True)
 
 
 def _hash_sources() -> str:
-    """Hash of the package's files that programs come of."""
+    """Return a hash of the files of the package that programs are made of."""
     package = Path(__file__).parents[1]
     digest = hashlib.sha256()
+
     for path in sorted([*package.rglob("*.py"), *package.rglob("*.xml")]):
         digest.update(path.read_bytes())
+
     return digest.hexdigest()
 
 
 _SOURCES = _hash_sources()
-"""Taken now, with the package's modules just read, and not when the first program is called."""
-
-_PREFIX = "programs-"
+"""Hash of the sources, taken when the package's modules have just been read and not when a program is first called."""
 
 
 @lru_cache(maxsize=1)
 def _register_linear_algebra() -> None:
-    """Make XLA know LAPACK's routines, which JAX does when it first lowers one; a loaded executable that calls one
-    before that ends the process."""
+    """Make XLA know LAPACK's routines.
 
-    def routines(A: jax.Array) -> jax.Array:
+    JAX registers them when it first lowers a program that uses one. An executable that is loaded and calls a routine
+    before that ends the process.
+    """
+
+    def factor_and_solve(A: jax.Array) -> jax.Array:
         return jax.lax.linalg.triangular_solve(jnp.linalg.cholesky(A), A, left_side=True, lower=True)
 
-    jax.jit(routines).lower(np.eye(1))
+    jax.jit(factor_and_solve).lower(np.eye(1))
 
 
 @lru_cache(maxsize=1)
-def _surroundings() -> str:
-    """Name of the folder of what an executable depends on besides its function: sources, libraries, devices."""
-    processor = Path("/proc/cpuinfo")
-    flags = (
-        next((line for line in processor.read_text().splitlines() if line.startswith(("flags", "Features"))), "")
-        if processor.exists()
-        else platform.processor()
-    )
+def _environment_folder() -> str:
+    """Name the folder for all that executables depend on besides their functions: sources, libraries, devices."""
     devices = [(device.platform, device.device_kind) for device in jax.devices()]
     versions = [version(name) for name in DEPENDENCIES]
     settings = os.environ.get("XLA_FLAGS", "")
-    everything = repr((_SOURCES, versions, devices, settings, platform.machine(), flags))
-    return _PREFIX + hashlib.sha256(everything.encode()).hexdigest()[:16]
+
+    environment = (_SOURCES, versions, devices, settings, platform.machine(), _processor_features())
+    return _PREFIX + hashlib.sha256(repr(environment).encode()).hexdigest()[:16]
+
+
+def _processor_features() -> str:
+    """Return the instruction sets of the processor, as far as the operating system tells."""
+    description = Path("/proc/cpuinfo")
+    if not description.exists():
+        return platform.processor()
+
+    for line in description.read_text().splitlines():
+        if line.startswith(("flags", "Features")):
+            return line
+
+    return ""

@@ -1,4 +1,4 @@
-"""Worker processes, each on a core of its own."""
+"""Worker processes: each keeps to a core of its own and ends with the process that started it."""
 
 from __future__ import annotations
 
@@ -15,47 +15,85 @@ from types import TracebackType
 
 
 class WorkerPool(ProcessPoolExecutor):
-    """A pool that ends at once, with all that it has begun, where its block ends with an error or is interrupted."""
+    """A process pool whose workers are terminated when its `with` block ends with an error or is interrupted."""
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
     ) -> bool | None:
-        """Wait for what is left to do, or end it."""
+        """Wait for the remaining tasks; after an error, cancel them and terminate the workers.
+
+        Args:
+            kind: Class of the exception that ended the block; None without one.
+            error: The exception itself.
+            traceback: Where it was raised.
+
+        Returns:
+            Whether the exception is swallowed, which it never is.
+        """
         if kind is not None:
             self.shutdown(wait=False, cancel_futures=True)
             for child in multiprocessing.active_children():
                 child.terminate()
-        return super().__exit__(kind, error, at)
+
+        return super().__exit__(kind, error, traceback)
 
 
-def worker_processes(workers: int, prepare: Callable[..., object] | None = None, *arguments: object) -> WorkerPool:
-    """A pool of processes, each of which calls ``prepare(*arguments)`` first.
+def worker_processes(
+    workers: int,
+    prepare: Callable[..., object] | None = None,
+    *arguments: object,
+) -> WorkerPool:
+    """Start a pool of processes, each of which calls `prepare(*arguments)` before its first task.
 
-    A process keeps to one core, in turn. With more of them XLA's threads pass the small kernels of a solver to and fro,
-    which takes a third more of CPU time than one thread does."""
+    Each process is bound to one core; the cores are handed out in turn. Unbound, XLA's threads pass the small kernels
+    of a solver from core to core, which takes a third more CPU time than one thread does.
+
+    Args:
+        workers: Number of processes.
+        prepare: Function that each process calls first; it must be importable by name.
+        arguments: Arguments of `prepare`.
+
+    Returns:
+        The pool, to be used in a `with` block.
+    """
     # Forked processes would share the parent's XLA threads, which do not survive a fork.
     context = multiprocessing.get_context("spawn")
+
     cores: SimpleQueue[int] = context.SimpleQueue()
     if hasattr(os, "sched_getaffinity"):
         for core, _ in zip(cycle(os.sched_getaffinity(0)), range(workers), strict=False):
             cores.put(core)
-    return WorkerPool(workers, context, _get_ready, (os.getpid(), cores, prepare, arguments))
+
+    initial_arguments = (os.getpid(), cores, prepare, arguments)
+    return WorkerPool(workers, context, _start_worker, initial_arguments)
 
 
-def _get_ready(
-    parent: int, cores: SimpleQueue[int], prepare: Callable[..., object] | None, arguments: tuple[object, ...]
+def _start_worker(
+    parent: int,
+    cores: SimpleQueue[int],
+    prepare: Callable[..., object] | None,
+    arguments: tuple[object, ...],
 ) -> None:
-    # Ctrl-C goes to all processes of a terminal; it is the parent that ends the others.
+    """Bind this worker to a core, tie its life to its parent's, and prepare it for its tasks."""
+    # Ctrl-C reaches all processes of a terminal. The parent alone handles it, and ends the workers.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+
+    watch = threading.Thread(target=_end_with_parent, args=(parent,), daemon=True)
+    watch.start()
+
     if not cores.empty():
         os.sched_setaffinity(0, {cores.get()})
+
     if prepare is not None:
         prepare(*arguments)
 
 
-def _end_with(parent: int) -> None:
-    """End this process once its parent is gone: a killed one cannot say so."""
+def _end_with_parent(parent: int) -> None:
+    """End this process once its parent is gone, because a parent that was killed cannot end it."""
     while os.getppid() == parent:
         time.sleep(1)
+
     os._exit(1)

@@ -1,206 +1,275 @@
-"""A scene as a MuJoCo model: table, two Pandas, the objects as free bodies, the goal region, light and camera.
+"""A scene as a MuJoCo model: table, arms, objects as free bodies, fixed bodies, the goal region, light and camera.
 
-Order of `qpos` (see `Layout`): left arm 7, its fingers 2, right arm 7, its fingers 2, then 7 for each object (position
-of its centre in the world, unit quaternion w x y z), so nq = 18 + 7 N. The keyframe "home" is the initial state.
+The order of `qpos` is described in `dvr_jax.scene.layout`. The keyframe "home" is the initial state.
 
-Geom groups: 0 goal spot (look only), 1 table and objects, 2 the arms' looks, 3 the arms' collision capsules.
-Bodies and geoms: "left/..." and "right/..." as in `panda.xml`; "table"; "object/<name>" for an object's body, geom (and
-"object/<name>/joint" for its free joint) with the name percent-encoded outside letters, digits and "_.-~"; geom "goal".
+Geom groups: 0 goal region (nothing touches it), 1 table, objects and fixed bodies, 2 the arms' looks, 3 the arms'
+collision capsules. Names of bodies and geoms: those of an arm as in the robot's MJCF after ``<arm>/``; "table"; "goal";
+``object/<name>`` for an object (its free joint: ``object/<name>/joint``) and ``fixed/<name>`` for a fixed body, where
+the name is percent-encoded outside letters, digits and "_.-~".
 """
 
 import copy
 import math
-from dataclasses import dataclass
-from functools import cache, lru_cache
-from importlib.resources import files
+from functools import lru_cache
 from urllib.parse import quote, unquote
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import Float
 
-from dvr_jax.errors import DvrError
-from dvr_jax.scene.colours import GOAL_COLOUR, object_colours
+from dvr_jax.errors import SceneError
+from dvr_jax.scene.colors import FIXED_COLOR, GOAL_COLOR, Color, object_colors
+from dvr_jax.scene.layout import Layout, home_qpos, qpos_layout, yaw_quaternion
 from dvr_jax.scene.pinhole import SCENE_CAMERA
-from dvr_jax.scene.types import Scene, SceneObject
-from dvr_jax.workcell.constants import (
-    ARM_NAMES,
-    BASE_POSITIONS,
-    BASE_YAWS,
-    FINGER_OPEN,
-    NUMBER_OF_JOINTS,
-    TABLE_HALF_EXTENTS,
-    TABLE_THICKNESS,
-)
+from dvr_jax.scene.types import FixedBody, Scene, SceneObject
+from dvr_jax.shapes import Shape, Size
+from dvr_jax.workcell.robot import FINGERS, Robot
 
-GOAL_GROUP, SOLID_GROUP, LOOKS_GROUP, COLLISION_GROUP = 0, 1, 2, 3
-"""Geom groups, as listed in the module's docstring."""
+__all__ = [
+    "COLLISION_GROUP",
+    "GOAL_GROUP",
+    "LOOKS_GROUP",
+    "SOLID_GROUP",
+    "Layout",
+    "build_home_data",
+    "build_model",
+    "build_model_spec",
+    "fixed_body_name",
+    "home_qpos",
+    "object_body_name",
+    "qpos_layout",
+    "require_free_home",
+    "scene_xml",
+]
 
-CAPSULE_NAMES: tuple[str, ...] = (
-    "column_collision",
-    "upper_arm_collision",
-    "elbow_collision",
-    "forearm_collision",
-    "wrist_collision",
-    "flange_collision",
-    "hand_collision",
-    "finger_left_collision",
-    "finger_right_collision",
-)
-"""The nine collision capsules of an arm, from the base outwards; a model's names carry the arm's prefix."""
+GOAL_GROUP = 0
+"""Geom group of the goal region."""
 
-GOAL_SPOT_THICKNESS = 0.001
+SOLID_GROUP = 1
+"""Geom group of table, objects and fixed bodies."""
+
+LOOKS_GROUP = 2
+"""Geom group of what is seen of the arms; it never collides."""
+
+COLLISION_GROUP = 3
+"""Geom group of the arms' collision capsules; they are never seen."""
+
+TABLE_COLOR: Color = (0.80, 0.77, 0.72)
+"""Color of the table."""
+
+GOAL_THICKNESS = 0.001
+"""Thickness of the geom that shows the goal region [m]."""
 
 HOME_PENETRATION = 1e-3
-"""Deepest penetration in the initial state (m)."""
+"""Deepest penetration that is accepted in the initial state [m]."""
 
-
-@dataclass(frozen=True, slots=True)
-class Layout:
-    """Where each quantity lies in `qpos`; the same for every scene with as many objects."""
-
-    arm_joints: NDArray[np.intp]
-    """Indices of the revolute joints (2, 7)."""
-    fingers: NDArray[np.intp]
-    """Indices of the finger joints (2, 2): travel of finger_left and finger_right, m."""
-    objects: NDArray[np.intp]
-    """Indices of the objects' free joints (N, 7): x y z, quaternion w x y z."""
-
-    @property
-    def size(self) -> int:
-        """nq."""
-        return int(self.arm_joints.size + self.fingers.size + self.objects.size)
-
-
-def qpos_layout(number_of_objects: int) -> Layout:
-    """The layout of a scene with so many objects."""
-    arm_stride = NUMBER_OF_JOINTS + 2
-    starts = np.arange(2)[:, None] * arm_stride
-    first_object = 2 * arm_stride
-    return Layout(
-        arm_joints=starts + np.arange(NUMBER_OF_JOINTS),
-        fingers=starts + NUMBER_OF_JOINTS + np.arange(2),
-        objects=first_object + np.arange(7 * number_of_objects).reshape(number_of_objects, 7),
-    )
+OBJECT_DENSITY = 300.0
+"""Density of the objects [kg/m^3]."""
 
 
 def object_body_name(name: str) -> str:
     """Name of an object's body and geom in the model; distinct for distinct names, safe in XML."""
-    return "object/" + quote(name, safe="", errors="surrogatepass")
+    return "object/" + _encoded(name)
 
 
-def home_qpos(scene: Scene, finger_travel: float = FINGER_OPEN) -> NDArray[np.float64]:
-    """The scene's initial state (nq): home postures, open fingers, objects upright where they stand."""
-    layout = qpos_layout(len(scene.objects))
-    qpos = np.zeros(layout.size)
-    qpos[layout.arm_joints] = scene.home
-    qpos[layout.fingers] = finger_travel
-    for indices, item in zip(layout.objects, scene.objects, strict=True):
-        qpos[indices] = [*item.center, *_yaw_quaternion(item.yaw)]
-    return qpos
+def fixed_body_name(name: str) -> str:
+    """Name of a fixed body's body and geom in the model; distinct for distinct names, safe in XML."""
+    return "fixed/" + _encoded(name)
 
 
 def build_model_spec(scene: Scene) -> mujoco.MjSpec:
-    """The scene as an editable model specification."""
+    """Build a scene's model as an editable specification."""
     spec = mujoco.MjSpec()
     spec.modelname = "dvr_scene"
     spec.compiler.degree = False
     spec.option.timestep = 0.002
-    spec.visual.global_.offwidth, spec.visual.global_.offheight = 1280, 960
-    world = spec.worldbody
-    world.add_light(name="key", pos=[-0.6, -1.2, 2.6], dir=[0.22, 0.42, -0.88], diffuse=[0.8, 0.8, 0.8])
-    quaternion = np.zeros(4)
-    mujoco.mju_mat2Quat(quaternion, SCENE_CAMERA.rotation().ravel())
-    fovy = math.degrees(SCENE_CAMERA.field_of_view)  # MjSpec takes it in degrees, whatever the compiler is told
-    world.add_camera(name="scene", pos=list(SCENE_CAMERA.position), quat=quaternion, fovy=fovy)
-    table_half = [*TABLE_HALF_EXTENTS, TABLE_THICKNESS / 2]
-    table = world.add_body(name="table", pos=[0.0, 0.0, -TABLE_THICKNESS / 2])
-    table.add_geom(
-        name="table", type=mujoco.mjtGeom.mjGEOM_BOX, size=table_half, group=SOLID_GROUP, rgba=[0.80, 0.77, 0.72, 1.0]
-    )
-    for arm, position, yaw in zip(ARM_NAMES, BASE_POSITIONS, BASE_YAWS, strict=True):
-        frame = world.add_frame(pos=[*position, 0.0], quat=_yaw_quaternion(yaw))
-        spec.attach(_panda_spec().copy(), prefix=f"{arm}/", frame=frame)
-    for item, colour in zip(scene.objects, object_colours(scene), strict=True):
-        _add_object(world, item, colour)
-    _add_goal(world, scene)
+    spec.visual.global_.offwidth = 1280
+    spec.visual.global_.offheight = 960
+
+    _add_light_and_camera(spec.worldbody)
+    _add_table(spec.worldbody, scene)
+    _attach_arms(spec, scene)
+
+    for item, color in zip(scene.objects, object_colors(scene), strict=True):
+        _add_object(spec.worldbody, item, color)
+
+    for body in scene.fixed:
+        _add_fixed_body(spec.worldbody, body)
+
+    _add_goal(spec.worldbody, scene)
+
     qpos = home_qpos(scene)
-    arms = qpos[: 2 * (NUMBER_OF_JOINTS + 2)]  # one actuator a joint, in the joints' order
-    spec.add_key(name="home", qpos=qpos, ctrl=arms)
+    spec.add_key(name="home", qpos=qpos, ctrl=_home_controls(spec, scene, qpos))
+
     return spec
 
 
 @lru_cache(maxsize=64)
 def build_model(scene: Scene) -> mujoco.MjModel:
-    """The scene's compiled model, kept and shared: not to be changed (`build_model_spec` gives one of your own)."""
+    """Compile a scene's model, which is kept and shared: not to be changed (`build_model_spec` gives an own one)."""
     return build_model_spec(scene).compile()
 
 
 def build_home_data(model: mujoco.MjModel) -> mujoco.MjData:
-    """The model's state at its keyframe "home", with all positions computed."""
+    """State of a model at its keyframe "home", with all positions computed."""
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.key("home").id)
     mujoco.mj_forward(model, data)
+
     return data
 
 
 def require_free_home(scene: Scene) -> None:
-    """Raise a DvrError where something collides in the initial state: no motion could start there."""
+    """Refuse a scene in whose initial state two bodies penetrate: no motion could start there.
+
+    Raises:
+        SceneError: Two bodies penetrate by more than `HOME_PENETRATION`; the message names the deepest pair.
+    """
     model = copy.copy(build_model(scene))
-    # Several points of contact of a pair with a cylinder can all lie less deep than the pair's.
+    # With several contact points for each pair of a cylinder, all of them can lie less deep than the pair does.
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_MULTICCD
     data = mujoco.MjData(model)
     data.qpos[:] = home_qpos(scene)
     mujoco.mj_kinematics(model, data)
     mujoco.mj_collision(model, data)
+
     distance = np.array(data.contact.dist)
     if distance.min(initial=0.0) > -HOME_PENETRATION:
         return
+
     deepest = int(distance.argmin())
-    first, second = (unquote(model.body(body).name) for body in model.geom_bodyid[data.contact.geom[deepest]])
-    raise DvrError(
+    bodies = model.geom_bodyid[data.contact.geom[deepest]]
+    first, second = (_decoded(model.body(body).name) for body in bodies)
+    raise SceneError(
         f"with the arms at home {first} and {second} penetrate by {-1e3 * distance[deepest]:.0f} mm; "
-        "move the object or choose another home."
+        "move one of them or choose another home."
     )
 
 
 def scene_xml(scene: Scene) -> str:
-    """The scene as self-contained MJCF, for any MuJoCo: the model of `build_model` to the six digits written."""
+    """Write a scene as self-contained MJCF for any MuJoCo: the model of `build_model` to six digits."""
     spec = build_model_spec(scene)
     spec.compile()
+
     return str(spec.to_xml())
 
 
-def _add_object(world: mujoco.MjsBody, item: SceneObject, colour: tuple[float, float, float]) -> None:
-    name = object_body_name(item.name)
-    body = world.add_body(name=name, pos=list(item.center), quat=_yaw_quaternion(item.yaw))
-    body.add_freejoint(name=f"{name}/joint")
-    if item.shape == "box":
-        kind, size = mujoco.mjtGeom.mjGEOM_BOX, list(item.half_extents)
-    else:
-        kind, size = mujoco.mjtGeom.mjGEOM_CYLINDER, [item.size[0], item.height / 2, 0.0]
-    body.add_geom(name=name, type=kind, size=size, group=SOLID_GROUP, rgba=[*colour, 1.0], density=300.0, condim=4)
-
-
-def _add_goal(world: mujoco.MjsBody, scene: Scene) -> None:
-    region = scene.goal.region
-    world.add_geom(
-        name="goal",
-        type=mujoco.mjtGeom.mjGEOM_BOX,
-        pos=[*region.position, 0.0],
-        quat=_yaw_quaternion(region.yaw),
-        size=[region.size[0] / 2, region.size[1] / 2, GOAL_SPOT_THICKNESS / 2],
-        group=GOAL_GROUP,
-        rgba=[*GOAL_COLOUR, 1.0],
-        contype=2,  # as the arms' looks in panda.xml: meets nothing, yet has a bounding box for mj_multiRay
-        conaffinity=0,
+def _add_light_and_camera(world: mujoco.MjsBody) -> None:
+    world.add_light(
+        name="key",
+        pos=[-0.6, -1.2, 2.6],
+        dir=[0.22, 0.42, -0.88],
+        diffuse=[0.8, 0.8, 0.8],
+    )
+    quaternion = np.zeros(4)
+    mujoco.mju_mat2Quat(quaternion, SCENE_CAMERA.rotation().ravel())
+    world.add_camera(
+        name="scene",
+        pos=list(SCENE_CAMERA.position),
+        quat=quaternion,
+        fovy=math.degrees(SCENE_CAMERA.field_of_view),  # MjSpec takes degrees, whatever its compiler is told
     )
 
 
-def _yaw_quaternion(yaw: float) -> list[float]:
-    return [float(np.cos(yaw / 2)), 0.0, 0.0, float(np.sin(yaw / 2))]
+def _add_table(world: mujoco.MjsBody, scene: Scene) -> None:
+    table = scene.workcell.table
+    body = world.add_body(name="table", pos=[0.0, 0.0, -table.thickness / 2])
+    body.add_geom(
+        name="table",
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=[*table.half_extents, table.thickness / 2],
+        group=SOLID_GROUP,
+        rgba=[*TABLE_COLOR, 1.0],
+    )
 
 
-@cache
-def _panda_spec() -> mujoco.MjSpec:
-    return mujoco.MjSpec.from_string((files("dvr_jax.workcell.panda") / "panda.xml").read_text(encoding="utf-8"))
+def _attach_arms(spec: mujoco.MjSpec, scene: Scene) -> None:
+    robot = _robot_spec(scene.workcell.robot)
+    for arm in scene.workcell.arms:
+        frame = spec.worldbody.add_frame(pos=[*arm.position, 0.0], quat=yaw_quaternion(arm.yaw))
+        spec.attach(robot.copy(), prefix=f"{arm.name}/", frame=frame)
+
+
+def _add_object(world: mujoco.MjsBody, item: SceneObject, color: Color) -> None:
+    name = object_body_name(item.name)
+    body = world.add_body(name=name, pos=list(item.center), quat=yaw_quaternion(item.yaw))
+    body.add_freejoint(name=f"{name}/joint")
+    geom_type, size = _geom_of(item.kind, item.size)
+    body.add_geom(
+        name=name,
+        type=geom_type,
+        size=size,
+        group=SOLID_GROUP,
+        rgba=[*color, 1.0],
+        density=OBJECT_DENSITY,
+        condim=4,
+    )
+
+
+def _add_fixed_body(world: mujoco.MjsBody, fixed: FixedBody) -> None:
+    name = fixed_body_name(fixed.name)
+    body = world.add_body(name=name, pos=list(fixed.position), quat=yaw_quaternion(fixed.yaw))
+    geom_type, size = _geom_of(fixed.kind, fixed.size)
+    body.add_geom(
+        name=name,
+        type=geom_type,
+        size=size,
+        group=SOLID_GROUP,
+        rgba=[*FIXED_COLOR, 1.0],
+    )
+
+
+def _add_goal(world: mujoco.MjsBody, scene: Scene) -> None:
+    for name, region in scene.goal.supports().items():
+        world.add_geom(
+            name=name,
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=[*region.center, 0.0],
+            quat=yaw_quaternion(region.yaw),
+            size=[*region.half, GOAL_THICKNESS / 2],
+            group=GOAL_GROUP,
+            rgba=[*GOAL_COLOR, 1.0],
+            # Like the looks of the arms: the geom meets nothing, yet has a bounding box for mj_multiRay.
+            contype=2,
+            conaffinity=0,
+        )
+
+
+def _geom_of(shape: Shape, size: Size) -> tuple[mujoco.mjtGeom, list[float]]:
+    """MuJoCo's type and size of the geom of a body."""
+    name, numbers = shape.mujoco_geom(size)
+    return getattr(mujoco.mjtGeom, f"mjGEOM_{name.upper()}"), numbers
+
+
+def _home_controls(spec: mujoco.MjSpec, scene: Scene, qpos: Float[np.ndarray, " nq"]) -> list[float]:
+    """Targets that hold the initial state, one for each position actuator."""
+    layout = qpos_layout(scene)
+    targets: dict[str, float] = {}
+
+    for index, arm in enumerate(scene.workcell.arms):
+        joints = [f"joint{i + 1}" for i in range(layout.arm_joints.shape[1])]
+        fingers = [finger.replace("finger", "finger_joint") for finger in FINGERS]
+        angles = [*qpos[layout.arm_joints[index]], *qpos[layout.fingers[index]]]
+        targets |= {f"{arm.name}/{name}": float(angle) for name, angle in zip(joints + fingers, angles, strict=True)}
+
+    return [targets.get(actuator.target, 0.0) for actuator in spec.actuators]
+
+
+def _encoded(name: str) -> str:
+    return quote(name, safe="", errors="surrogatepass")
+
+
+def _decoded(body: str) -> str:
+    """Name of a body as a person wrote it."""
+    return unquote(body) if body.startswith(("object/", "fixed/")) else body
+
+
+@lru_cache(maxsize=16)
+def _robot_spec(robot: Robot) -> mujoco.MjSpec:
+    """Specification of one arm; only to be copied."""
+    spec = mujoco.MjSpec.from_string(robot.mjcf)
+    # Numbers and texts under <custom> are meant for `Robot`; a scene would hold them once for each arm.
+    for element in [*spec.numerics, *spec.texts]:
+        spec.delete(element)
+
+    return spec

@@ -1,187 +1,265 @@
-"""Random scenes as in the paper: sizes, positions, turns and the target uniform within ranges, kept when valid.
+"""Random scenes as in the paper: sizes, positions, turns and the goal region uniform within ranges.
 
-Beyond the paper a share of the boxes are small cubes (`SceneDistribution.cube_share`).
-A whole scene is drawn and thrown away unless it is valid, so the scenes are uniform over the valid ones. In a share of
-the scenes (half) an object that is not the goal's is put onto the target; in the others it may stand there by chance.
+Beyond the paper, a share of the boxes are small cubes (`SceneDistribution.cube_share`). A scene is drawn as a whole and
+thrown away unless it is valid, so the scenes are uniform over the valid ones. In half of the scenes an object that is
+not the goal's is put onto the goal region; in the others it may stand there by chance. Fixed bodies, if wanted, are
+drawn after that into places that are still free (`dvr_jax.scene.fixed_sampling`), so the objects of a scene are the
+same with and without them.
+
 Scene i of a seed depends on the seed and i alone: a longer draw begins with the shorter one.
 """
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
-from typing import Literal, get_args
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dvr_jax.errors import DvrError
+from dvr_jax.errors import SceneError
 from dvr_jax.geometry.footprint import inside
-from dvr_jax.scene.colours import PALETTE
-from dvr_jax.scene.types import Goal, Region, Scene, SceneObject, Shape
+from dvr_jax.scene.colors import PALETTE
+from dvr_jax.scene.distribution import (
+    DEFAULT_DISTRIBUTION,
+    SceneDistribution,
+    ShapeChoice,
+    validate_request,
+)
+from dvr_jax.scene.fixed_sampling import add_fixed_bodies
+from dvr_jax.scene.types import OnRegion, Region, Scene, SceneObject
 from dvr_jax.scene.validation import make_scene
-from dvr_jax.workcell.constants import BASE_POSITIONS, MAXIMUM_OBJECTS
+from dvr_jax.scene.workcell_rules import validate_workcell
+from dvr_jax.workcell.workcell import DEFAULT_WORKCELL, Workcell
 
-ShapeChoice = Literal["box", "cylinder", "mixed"]
-"""Which shapes are drawn; "mixed" tosses a coin for each object."""
+__all__ = [
+    "DEFAULT_DISTRIBUTION",
+    "SceneDistribution",
+    "ShapeChoice",
+    "sample_scene",
+    "sample_scenes",
+    "scene_of_seed",
+]
 
 MOST_DRAWS = 5_000
-"""Scenes thrown away before a distribution is given up as impossible."""
-
-Range = tuple[float, float]
-
-
-@dataclass(frozen=True, slots=True)
-class SceneDistribution:
-    """Uniform ranges (low, high), in metres unless said otherwise."""
-
-    shape: ShapeChoice = "box"
-    """Shapes of the objects."""
-    narrow_side: Range = (0.05, 0.075)
-    """A box's side that fits between the fingers (8 cm); which of x and y it is, is a coin's toss."""
-    wide_side: Range = (0.05, 0.20)
-    """A box's other horizontal side."""
-    height: Range = (0.04, 0.12)
-    """Height of boxes and cylinders."""
-    cube_share: float = 0.25
-    """Share of the boxes that are small cubes instead. Two hands find no room on one, so it is exchanged on the table
-    where another box is handed over: shortest solutions of six actions come of them."""
-    cube_side: Range = (0.022, 0.03)
-    """Side of a small cube. A gripper's centre lies 1 cm within what it holds; on a cube of 3.5 cm two hands do."""
-    goal_radius: Range = (0.02, 0.0375)
-    """Radius of a cylinder that is the goal's object: it fits between the fingers."""
-    radius: Range = (0.02, 0.08)
-    """Radius of the other cylinders: some are too thick to be grasped, and stand in the way for good."""
-    target_margin: Range = (0.01, 0.03)
-    """The target is a square, longer by this than the goal object's longest horizontal side."""
-    x: Range = (-1.0, 1.0)
-    """Centres of objects and target along the line through both bases."""
-    y: Range = (-0.9, 0.9)
-    """Centres of objects and target across it."""
-    base_distance: Range = (0.28, 0.95)
-    """Distance of every centre from the nearer base: within an arm's reach, not under its shoulder."""
-    occupied_share: float = 0.5
-    """Share of the scenes in which another object's centre is put onto the target (with two objects or more)."""
-
-
-DEFAULT_DISTRIBUTION = SceneDistribution()
+"""Scenes that are thrown away before a distribution is given up as impossible."""
 
 
 def sample_scenes(
-    number: int, number_of_objects: int, seed: int, distribution: SceneDistribution = DEFAULT_DISTRIBUTION
+    number: int,
+    number_of_objects: int,
+    seed: int,
+    distribution: SceneDistribution = DEFAULT_DISTRIBUTION,
+    workcell: Workcell = DEFAULT_WORKCELL,
 ) -> Iterator[Scene]:
-    """Scenes 0 to number - 1 of a seed, one after the other."""
+    """Draw scenes 0 to `number` - 1 of a seed, one after the other.
+
+    Args:
+        number: How many scenes.
+        number_of_objects: Objects in each scene.
+        seed: A number that decides all scenes.
+        distribution: What the scenes are drawn from.
+        workcell: Arms and table of all scenes.
+
+    Returns:
+        The scenes, each drawn when it is asked for.
+
+    Raises:
+        SceneError: An argument is out of range, or no valid scene is found.
+    """
     if number < 1:
-        raise DvrError(f"the number of scenes is {number}; valid is 1 or more.")
+        raise SceneError(f"the number of scenes is {number}; valid is 1 or more.")
     if seed < 0:
-        raise DvrError(f"the seed is {seed}; valid is 0 or more.")
-    _validate_request(number_of_objects, distribution)
-    return (scene_of_seed(seed, index, number_of_objects, distribution) for index in range(number))
+        raise SceneError(f"the seed is {seed}; valid is 0 or more.")
+
+    validate_request(number_of_objects, distribution)
+    validate_workcell(workcell)
+
+    return (scene_of_seed(seed, index, number_of_objects, distribution, workcell) for index in range(number))
 
 
 def scene_of_seed(
-    seed: int, index: int, number_of_objects: int, distribution: SceneDistribution = DEFAULT_DISTRIBUTION
+    seed: int,
+    index: int,
+    number_of_objects: int,
+    distribution: SceneDistribution = DEFAULT_DISTRIBUTION,
+    workcell: Workcell = DEFAULT_WORKCELL,
 ) -> Scene:
-    """Scene `index` of a seed."""
-    return sample_scene(np.random.default_rng([seed, index]), number_of_objects, distribution)
+    """Draw one scene of a seed.
+
+    Args:
+        seed: The seed.
+        index: Number of the scene, counted from 0.
+        number_of_objects: Objects in the scene.
+        distribution: What the scene is drawn from.
+        workcell: Arms and table of the scene.
+
+    Returns:
+        The scene.
+
+    Raises:
+        SceneError: An argument is out of range, or no valid scene is found.
+    """
+    return sample_scene(np.random.default_rng([seed, index]), number_of_objects, distribution, workcell)
 
 
 def sample_scene(
     generator: np.random.Generator,
     number_of_objects: int,
     distribution: SceneDistribution = DEFAULT_DISTRIBUTION,
+    workcell: Workcell = DEFAULT_WORKCELL,
 ) -> Scene:
-    """One valid scene; consumes random numbers from `generator`."""
-    _validate_request(number_of_objects, distribution)
+    """Draw one valid scene.
+
+    Args:
+        generator: Where random numbers come from; some are consumed.
+        number_of_objects: Objects in the scene.
+        distribution: What the scene is drawn from.
+        workcell: Arms and table of the scene.
+
+    Returns:
+        The scene.
+
+    Raises:
+        SceneError: An argument is out of range, or no valid scene is found.
+    """
+    validate_request(number_of_objects, distribution)
+    validate_workcell(workcell)
     occupied = number_of_objects > 1 and bool(generator.random() < distribution.occupied_share)
+
     for _ in range(MOST_DRAWS):
-        objects, goal, standing_there = _draw(generator, number_of_objects, distribution, occupied)
-        # The occupant's centre is drawn on the target, so it alone must be told to be within reach like the others.
-        within_reach = standing_there is None or _within_reach(objects[standing_there].position, distribution)
-        goal_object = next(item for item in objects if item.name == goal.object)
-        if not within_reach or inside(goal_object.footprint, goal.region.footprint):
-            continue
-        try:
-            return make_scene(objects, goal)
-        except DvrError:
-            continue
-    raise DvrError(
+        draft = _draw(generator, number_of_objects, distribution, workcell, occupied)
+        scene = _valid_scene(draft, distribution, workcell)
+        if scene is not None:
+            return add_fixed_bodies(generator, scene, distribution.fixed_bodies)
+
+    raise SceneError(
         f"none of {MOST_DRAWS} scenes of {number_of_objects} objects drawn from {distribution} was valid; "
         "smaller objects or wider x and y give room."
     )
 
 
+@dataclass(frozen=True, slots=True)
+class _Draft:
+    """A scene's parts, valid or not."""
+
+    objects: tuple[SceneObject, ...]
+    goal_index: int
+    goal: OnRegion
+
+    occupant: int | None
+    """Index of the object that was put onto the goal region."""
+
+
+def _valid_scene(draft: _Draft, distribution: SceneDistribution, workcell: Workcell) -> Scene | None:
+    """The scene of a draft; None if it breaks a rule, or if its goal holds from the start."""
+    if draft.occupant is not None:
+        # The occupant's position is drawn on the region: it alone need not be within reach like all others.
+        position = draft.objects[draft.occupant].position
+        if not _within_reach(position, distribution, workcell):
+            return None
+    if inside(draft.objects[draft.goal_index].footprint, draft.goal.region.footprint):
+        return None
+
+    try:
+        return make_scene(draft.objects, draft.goal, workcell)
+    except SceneError:
+        return None
+
+
 def _draw(
-    generator: np.random.Generator, number_of_objects: int, distribution: SceneDistribution, occupied: bool
-) -> tuple[list[SceneObject], Goal, int | None]:
-    """A scene's parts, valid or not, and the index of the object that was put onto the target."""
+    generator: np.random.Generator,
+    number_of_objects: int,
+    distribution: SceneDistribution,
+    workcell: Workcell,
+    occupied: bool,
+) -> _Draft:
+    """Draw a scene's parts. The order of the draws is part of what a seed means."""
     goal_index = int(generator.integers(number_of_objects))
     names = list(PALETTE)
     objects = []
+
     for index in range(number_of_objects):
         shape, size = _draw_size(generator, distribution, index == goal_index)
-        position, yaw = _draw_position(generator, distribution), generator.uniform(-math.pi, math.pi)
+        position = _draw_position(generator, distribution, workcell)
+        yaw = generator.uniform(-math.pi, math.pi)
         objects.append(SceneObject(names[index], shape, size, position, yaw))
+
     longest = 2 * max(objects[goal_index].half_extents[:2])
     side = longest + generator.uniform(*distribution.target_margin)
-    region = Region(_draw_position(generator, distribution), generator.uniform(-math.pi, math.pi), (side, side))
-    goal = Goal(names[goal_index], region)
-    if not occupied:
-        return objects, goal, None
-    occupant = (goal_index + int(generator.integers(1, number_of_objects))) % number_of_objects
-    along, across = (float(share) for share in generator.uniform(-side / 4, side / 4, size=2))
-    # No matrix product: libraries order its sums by processor, and a seed's scenes should not depend on that.
-    cosine, sine = math.cos(region.yaw), math.sin(region.yaw)
-    position = (
+    center = _draw_position(generator, distribution, workcell)
+    region = Region(center, generator.uniform(-math.pi, math.pi), (side, side))
+
+    occupant = None
+    if occupied:
+        occupant = (goal_index + int(generator.integers(1, number_of_objects))) % number_of_objects
+        objects[occupant] = replace(objects[occupant], position=_draw_on_region(generator, region))
+
+    return _Draft(tuple(objects), goal_index, OnRegion(names[goal_index], region), occupant)
+
+
+def _draw_on_region(generator: np.random.Generator, region: Region) -> tuple[float, float]:
+    """A point of the middle quarter of a square region."""
+    side = region.size[0]
+    along, across = (float(offset) for offset in generator.uniform(-side / 4, side / 4, size=2))
+    # No matrix product: libraries order its sums by processor, and a seed's scenes must not depend on that.
+    cosine = math.cos(region.yaw)
+    sine = math.sin(region.yaw)
+
+    return (
         region.position[0] + (along * cosine - across * sine),
         region.position[1] + (along * sine + across * cosine),
     )
-    old = objects[occupant]
-    objects[occupant] = SceneObject(old.name, old.shape, old.size, position, old.yaw)
-    return objects, goal, occupant
 
 
 def _draw_size(
-    generator: np.random.Generator, distribution: SceneDistribution, is_goal: bool
-) -> tuple[Shape, tuple[float, ...]]:
-    shape: Shape
-    shape = ("box" if generator.random() < 0.5 else "cylinder") if distribution.shape == "mixed" else distribution.shape
+    generator: np.random.Generator,
+    distribution: SceneDistribution,
+    is_goal: bool,
+) -> tuple[str, tuple[float, ...]]:
+    """Shape and size of one object."""
+    shape: str = distribution.shape
+    if shape == "mixed":
+        shape = "box" if generator.random() < 0.5 else "cylinder"
+
     height = generator.uniform(*distribution.height)
+
     if shape == "cylinder":
-        return shape, (generator.uniform(*(distribution.goal_radius if is_goal else distribution.radius)), height)
+        radius = generator.uniform(*(distribution.goal_radius if is_goal else distribution.radius))
+        return shape, (radius, height)
     if distribution.cube_share > 0 and generator.random() < distribution.cube_share:
         side = generator.uniform(*distribution.cube_side)
         return shape, (side, side, side)
-    sides = [generator.uniform(*distribution.narrow_side), generator.uniform(*distribution.wide_side)]
+
+    narrow = generator.uniform(*distribution.narrow_side)
+    wide = generator.uniform(*distribution.wide_side)
     if generator.random() < 0.5:
-        sides.reverse()
-    return shape, (sides[0], sides[1], height)
+        return shape, (wide, narrow, height)
+
+    return shape, (narrow, wide, height)
 
 
-def _draw_position(generator: np.random.Generator, distribution: SceneDistribution) -> tuple[float, float]:
+def _draw_position(
+    generator: np.random.Generator,
+    distribution: SceneDistribution,
+    workcell: Workcell,
+) -> tuple[float, float]:
     """A point of the table within reach of an arm."""
     for _ in range(MOST_DRAWS):
-        position = (generator.uniform(*distribution.x), generator.uniform(*distribution.y))
-        if _within_reach(position, distribution):
-            return position
-    raise DvrError(
+        x = generator.uniform(*distribution.x)
+        y = generator.uniform(*distribution.y)
+        if _within_reach((x, y), distribution, workcell):
+            return x, y
+    raise SceneError(
         f"no point with x in {distribution.x} and y in {distribution.y} is {distribution.base_distance} m from a base; "
         "widen one of the three."
     )
 
 
-def _within_reach(position: tuple[float, float], distribution: SceneDistribution) -> bool:
-    nearest = min(math.dist(position, base) for base in BASE_POSITIONS)
-    return distribution.base_distance[0] <= nearest <= distribution.base_distance[1]
+def _within_reach(
+    position: tuple[float, float],
+    distribution: SceneDistribution,
+    workcell: Workcell,
+) -> bool:
+    nearest = min(math.dist(position, arm.position) for arm in workcell.arms)
+    lower, upper = distribution.base_distance
 
-
-def _validate_request(number_of_objects: int, distribution: SceneDistribution) -> None:
-    if not 1 <= number_of_objects <= MAXIMUM_OBJECTS:
-        raise DvrError(f"the number of objects is {number_of_objects}; valid are 1 to {MAXIMUM_OBJECTS}.")
-    if distribution.shape not in get_args(ShapeChoice):
-        raise DvrError(f"the shape is {distribution.shape!r}; valid are {', '.join(get_args(ShapeChoice))}.")
-    for name in ("cube_share", "occupied_share"):
-        if not 0 <= getattr(distribution, name) <= 1:
-            raise DvrError(f"the {name.replace('_', ' ')} is {getattr(distribution, name)}; valid is 0 to 1.")
-    for field in fields(distribution):
-        value = getattr(distribution, field.name)
-        if isinstance(value, tuple) and not (math.isfinite(value[0]) and value[0] <= value[1] < math.inf):
-            raise DvrError(f"the range {field.name} is {value}; valid is a finite low no greater than high.")
+    return lower <= nearest <= upper

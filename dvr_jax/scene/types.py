@@ -1,94 +1,150 @@
-"""What a scene is: objects on the table, a goal region, and the arms' home postures. Plain frozen records.
+"""What a scene is: a workcell, objects on its table, fixed bodies, and a goal. Plain frozen records.
 
-World frame, metres, radians (see `workspace`). Every object stands upright on the table's top, z = 0.
-The records check nothing; `validation.validate_scene` and the factory `validation.make_scene` do.
+World frame, meters, radians (see `dvr_jax.workcell`). Every object stands upright on the table's top, z = 0. The
+records check nothing; `dvr_jax.scene.validation.validate_scene` and the factory `make_scene` there do.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
-from typing import Literal
 
-from dvr_jax.geometry.footprint import Circle, Footprint, Rectangle
-from dvr_jax.workcell.constants import HOME_POSTURE
+from dvr_jax.geometry.footprint import Footprint
+from dvr_jax.goals import OnRegion, Region
+from dvr_jax.shapes import Shape, shape_named
+from dvr_jax.workcell.workcell import DEFAULT_WORKCELL, Home, Workcell
 
-Shape = Literal["box", "cylinder"]
+__all__ = [
+    "MAXIMUM_FIXED_BODIES",
+    "MAXIMUM_OBJECTS",
+    "FixedBody",
+    "OnRegion",
+    "Region",
+    "Scene",
+    "SceneObject",
+]
 
-Home = tuple[tuple[float, ...], tuple[float, ...]]
-"""Joint angles of the left and the right arm (2 x 7), rad."""
+MAXIMUM_OBJECTS = 8
+"""A scene has 1 to this many objects."""
 
-DEFAULT_HOME: Home = (HOME_POSTURE, HOME_POSTURE)
+MAXIMUM_FIXED_BODIES = 16
+"""A scene has at most this many fixed bodies."""
 
 
 @dataclass(frozen=True, slots=True)
 class SceneObject:
-    """A box or an upright cylinder that stands on the table."""
+    """A movable body that stands upright on the table."""
 
     name: str
     """Unique in its scene, not empty."""
-    shape: Shape
+
+    shape: str
+    """Name of the shape: "box", "cylinder" or another registered one."""
+
     size: tuple[float, ...]
-    """Box: full extents (sx, sy, sz) in its own frame; cylinder: (radius, height). Metres."""
+    """Numbers of the shape [m]; box: full extents (x, y, z) in its own frame; cylinder: (radius, height)."""
+
     position: tuple[float, float]
-    """Centre (x, y) in the world, m."""
+    """Center (x, y) in the world [m]."""
+
     yaw: float
-    """Turn about the world's z, rad."""
+    """Turn about the world's z axis [rad]."""
+
+    @property
+    def kind(self) -> Shape:
+        """The shape itself."""
+        return shape_named(self.shape)
 
     @property
     def height(self) -> float:
-        """Full extent along z, m."""
-        return self.size[-1]
+        """Full extent along z [m]."""
+        return 2 * self.half_extents[2]
 
     @property
     def half_extents(self) -> tuple[float, float, float]:
-        """Half extents of the shape's bounding box in the object's own frame, m."""
-        if self.shape == "box":
-            return (self.size[0] / 2, self.size[1] / 2, self.size[2] / 2)
-        return (self.size[0], self.size[0], self.size[1] / 2)
+        """Half extents of the bounding box in the object's own frame [m]."""
+        return self.kind.half_extents(self.size)
 
     @property
     def center(self) -> tuple[float, float, float]:
-        """Centre of the volume in the world, m; the origin of the object's own frame."""
-        return (self.position[0], self.position[1], self.height / 2)
+        """Center of the volume in the world [m]; the origin of the object's own frame."""
+        return (self.position[0], self.position[1], self.half_extents[2])
 
     @property
     def footprint(self) -> Footprint:
         """What the object covers of the table."""
-        if self.shape == "box":
-            return Rectangle(self.position, (self.size[0] / 2, self.size[1] / 2), self.yaw)
-        return Circle(self.position, self.size[0])
+        return self.kind.footprint(self.size, self.position, self.yaw)
 
 
 @dataclass(frozen=True, slots=True)
-class Region:
-    """A rectangle on the table's top."""
+class FixedBody:
+    """An upright body that never moves: a wall, a shelf board, the rim of a bin."""
 
-    position: tuple[float, float]
-    """Centre (x, y) in the world, m."""
+    name: str
+    """Unique among the scene's objects and fixed bodies, not empty."""
+
+    shape: str
+    """Name of the shape, as of a `SceneObject`."""
+
+    size: tuple[float, ...]
+    """Numbers of the shape [m]."""
+
+    position: tuple[float, float, float]
+    """Center of the volume in the world [m], at any height above the table."""
+
     yaw: float
-    """Turn about the world's z, rad."""
-    size: tuple[float, float]
-    """Full extents (sx, sy) in its own frame, m."""
+    """Turn about the world's z axis [rad]."""
 
     @property
-    def footprint(self) -> Rectangle:
-        """The rectangle itself."""
-        return Rectangle(self.position, (self.size[0] / 2, self.size[1] / 2), self.yaw)
+    def kind(self) -> Shape:
+        """The shape itself."""
+        return shape_named(self.shape)
 
+    @property
+    def half_extents(self) -> tuple[float, float, float]:
+        """Half extents of the bounding box in the body's own frame [m]."""
+        return self.kind.half_extents(self.size)
 
-@dataclass(frozen=True, slots=True)
-class Goal:
-    """The object called `object` shall stand fully within `region`."""
+    @property
+    def bottom(self) -> float:
+        """Height of the lowest point above the table [m]."""
+        return self.position[2] - self.half_extents[2]
 
-    object: str
-    region: Region
+    @property
+    def top(self) -> float:
+        """Height of the highest point above the table [m]."""
+        return self.position[2] + self.half_extents[2]
+
+    @property
+    def footprint(self) -> Footprint:
+        """The body's outline seen from above."""
+        return self.kind.footprint(self.size, self.position[:2], self.yaw)
 
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """One problem: 1 to 8 objects, where one of them shall go, and the postures in which the arms start."""
+    """One problem: the workcell, 1 to 8 objects on its table, fixed bodies, and a goal."""
 
     objects: tuple[SceneObject, ...]
-    goal: Goal
-    home: Home = DEFAULT_HOME
+    """The movable bodies; arrays with an axis of objects follow this order."""
+
+    goal: OnRegion
+    """What shall hold at the end of a plan."""
+
+    workcell: Workcell = DEFAULT_WORKCELL
+    """The arms and their table."""
+
+    fixed: tuple[FixedBody, ...] = ()
+    """Bodies that nothing may touch and nothing moves."""
+
+    @property
+    def home(self) -> Home:
+        """Joint angles of every arm at the start [rad]."""
+        return self.workcell.home
+
+    @property
+    def object_names(self) -> tuple[str, ...]:
+        """Names of the objects, in their order."""
+        return tuple(item.name for item in self.objects)
 
     def object_index(self, name: str) -> int:
         """Index of the object called `name` in `objects`; KeyError when there is none."""

@@ -15,26 +15,49 @@ class Node:
     """A prefix: a sequence of applicable actions."""
 
     actions: tuple[Action, ...]
+    """The actions of the prefix."""
+
     state: int
     """Symbolic state after the actions."""
+
     parent: Node | None
+    """The prefix without its last action; None for the empty prefix."""
+
     reaches_goal: bool
+    """Whether the goal holds after the actions."""
+
     problem: Problem | None = None
+    """Keyframe NLP of the prefix, once it is transcribed."""
+
     beam: KeyframeBeam | None = None
+    """Keyframe candidates of the prefix, once they are sampled."""
+
     feasible: bool | None = None
     """Verdict of the sequence bound, or False by the pose bound; None: not computed."""
+
     refuted_by: str = ""
-    """The bound that refuted it: "symbolic", "pose", "sequence", "path", or "check" for a path that only the check
+    """The bound that refuted the prefix: "symbolic", "pose", "sequence", "path", or "check" for a path that only the check
     refused."""
+
     violation: float = math.nan
     """Least violation that an NLP under the refuting bound ended with, as a multiple of its tolerance."""
+
     solved: bool | None = None
     """Whether there is an accepted path; None: not tried."""
+
     children: list[Node] | None = None
+    """The prefixes one action longer, once the node is expanded."""
 
     def refute(self, bound: str, violation: float) -> None:
-        """Note that a bound of keyframes refutes this prefix, and so all its continuations."""
-        self.feasible, self.refuted_by, self.violation = False, bound, violation
+        """Note that a bound of keyframes refutes this prefix, and so all its continuations.
+
+        Args:
+            bound: Name of the bound.
+            violation: Least violation under it, as a multiple of its tolerance.
+        """
+        self.feasible = False
+        self.refuted_by = bound
+        self.violation = violation
 
     @property
     def depth(self) -> int:

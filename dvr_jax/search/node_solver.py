@@ -1,5 +1,7 @@
-"""The numerical work behind the bounds of one scene's tree: samples of keyframes, keyframe NLPs, path NLPs. What
-asks for work (`dvr_jax.search.work`) is a generator."""
+"""The numerical work behind the bounds of one scene's tree: beams of keyframes, keyframe NLPs, path NLPs.
+
+What asks for work (`dvr_jax.search.work`) is a generator.
+"""
 
 from __future__ import annotations
 
@@ -9,28 +11,35 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TypeVar
 
-from dvr_jax.nlp.problem import ABSENT, Variables
+import numpy as np
+
+from dvr_jax.modes.mode import ModeKind
+from dvr_jax.nlp.problem import Problem, Variables, number_of_phases
 from dvr_jax.nlp.transcription import transcribe, transcribe_switch
+from dvr_jax.operators import Operator, operator_of
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.node import Node
-from dvr_jax.search.work import Extend, Solve, Steps
-from dvr_jax.seeds.initial_paths import keyframe_start, path_problem, path_start
-from dvr_jax.seeds.keyframe_beam import BEAM_WIDTH, UNREACHABLE, KeyframeBeam, held_prefix
+from dvr_jax.search.work import ExtendBeams, SolveNlps, Steps
+from dvr_jax.seeds.beam_batches import BeamTask, adopt_solution
+from dvr_jax.seeds.initial_paths import initial_path, keyframe_start, path_problem
+from dvr_jax.seeds.keyframe_beam import BEAM_WIDTH, UNREACHABLE, KeyframeBeam, held_beam
 from dvr_jax.solver.augmented_lagrangian import Settings
-from dvr_jax.solver.engine import NlpSolution, adopt
+from dvr_jax.solver.lane_pool import NlpSolution
+from dvr_jax.workcell.model import workcell_model
 
 CERTIFIED_PENETRATION = 5e-4
-"""A particle whose penetrations sum up to less proves its prefix' keyframes feasible: it meets all else exactly [m]."""
+"""A candidate whose penetrations sum up to at most this proves its prefix's keyframes feasible: it meets all other
+constraints exactly [m]."""
 
 FURTHER_STARTS = (5, 10)
-"""Ranks of the beam that the keyframe NLP is started from where the best one fails: neighbours in rank often are
+"""Ranks of the candidates that the keyframe NLP is started from where the best one fails: neighbors in rank often are
 siblings, and these two find all but one of what the fifteen others find in 1,100 prefixes."""
 
 PATH_STARTS = 4
 """Keyframes that the path NLP is started from, one after the other."""
 
-GOOD = 0.01
-"""KeyframeBeam whose penetrations sum up to less are good enough to start a path from [m]."""
+GOOD_PENETRATION = 0.01
+"""Candidates whose penetrations sum up to at most this are good enough to start a path from [m]."""
 
 BATCH = 64
 """Prefixes judged between two looks at the clock."""
@@ -48,44 +57,96 @@ class Counts:
 
     nlps: Counter[str] = field(default_factory=Counter)
     """NLP solves (starts count singly): "pose", "sequence", "path"."""
+
     verdicts: Counter[str] = field(default_factory=Counter)
-    """Prefixes judged, by bound, those that a particle proved feasible or the scene refuted included; "leaf": sequences
+    """Prefixes judged, by bound, including those that a candidate proved feasible or the scene refuted; "leaf": sequences
     that reach the goal and were considered."""
+
     feasible: Counter[str] = field(default_factory=Counter)
-    """Of these, feasible."""
+    """Those of the verdicts that say feasible."""
 
 
 class NodeSolver:
-    """Samples and NLPs of the nodes of one scene, and how many there were."""
+    """Beams and NLPs of the nodes of one scene, and how many there were."""
 
-    def __init__(self, scene: Scene, settings: Settings, deadline: float) -> None:
-        self.scene, self.settings, self.deadline = scene, settings, deadline
+    def __init__(self, scene: Scene, settings: Settings, deadline: float, operators: Sequence[Operator]) -> None:
+        """Prepare the work on one scene.
+
+        Args:
+            scene: A valid scene.
+            settings: Of the solver.
+            deadline: Time of `time.monotonic` after which `OutOfTime` is raised [s].
+            operators: The operators that are known.
+        """
+        self.scene = scene
+        self.settings = settings
+        self.deadline = deadline
+        self.operators = operators
+        self.model = workcell_model(scene.workcell)
         self.counts = Counts()
 
     def look_at_the_clock(self) -> None:
-        """Raise OutOfTime past the deadline."""
+        """Raise `OutOfTime` past the deadline."""
         if time.monotonic() > self.deadline:
             raise OutOfTime
 
     def sample(self, nodes: list[Node], ignored: list[tuple[str, ...]], seed: int) -> Steps[list[Node]]:
-        """KeyframeBeam of nodes, each with some objects left out; those nodes that no particle proves feasible."""
+        """Sample the beams of nodes whose parents have theirs.
+
+        Args:
+            nodes: The nodes.
+            ignored: Names of the objects that are left out, for each node.
+            seed: Seed of the sample.
+
+        Returns:
+            Those nodes that no candidate proves feasible.
+        """
         for first in range(0, len(nodes), BATCH):
             self.look_at_the_clock()
-            part, names = nodes[first : first + BATCH], ignored[first : first + BATCH]
-            problems = [
-                node.problem or transcribe(self.scene, node.actions, left_out)
-                for node, left_out in zip(part, names, strict=True)
-            ]
-            parents = [self._parent_beam(*args) for args in zip(part, names, strict=True)]
-            extended = yield Extend(parents, problems, seed)
-            for node, problem, beam in zip(part, problems, extended, strict=True):
-                node.problem, node.beam = problem, beam
+            part = nodes[first : first + BATCH]
+            tasks = [self._beam_task(*task) for task in zip(part, ignored[first : first + BATCH], strict=True)]
+            beams = yield ExtendBeams(self.model, tasks, seed)
+            for node, task, beam in zip(part, tasks, beams, strict=True):
+                node.problem = task.problem
+                node.beam = beam
                 node.feasible = bool(beam.violation.min() <= CERTIFIED_PENETRATION)
         return [node for node in nodes if not node.feasible]
 
+    def _beam_task(self, node: Node, ignored: tuple[str, ...]) -> BeamTask:
+        """What the beam of a node is sampled from."""
+        problem = node.problem or transcribe(self.scene, node.actions, ignored, self.operators)
+        last = number_of_phases(problem) - 1
+        before = ModeKind(int(problem.mode_kind[last, problem.switched_object[last]]))
+        proposal = operator_of(node.actions[-1], self.operators).proposal(before)
+        return BeamTask(self._parent_beam(node, ignored), problem, proposal)
+
+    def _parent_beam(self, node: Node, ignored: tuple[str, ...]) -> KeyframeBeam:
+        assert node.parent is not None and node.parent.beam is not None
+        if node.parent.depth == 0 and ignored:
+            return self.leave_out(node.parent.beam, frozenset(ignored))
+        return node.parent.beam
+
+    def leave_out(self, beam: KeyframeBeam | None, ignored: frozenset[str]) -> KeyframeBeam:
+        """A beam with some objects left out of the world.
+
+        Args:
+            beam: A beam with fewer objects left out.
+            ignored: Names of the objects.
+        """
+        assert beam is not None
+        kind = np.array(beam.kind)
+        kind[[self.scene.object_index(name) for name in ignored]] = ModeKind.ABSENT
+        return beam._replace(kind=kind)
+
     def solve(self, nodes: list[Node], bound: str) -> Steps[None]:
-        """Keyframe NLPs of nodes that no particle proved feasible: all from their best particle, then those that failed
-        from the beam of `FURTHER_STARTS`."""
+        """Solve the keyframe NLPs of nodes that no candidate proved feasible.
+
+        All start from their best candidate, then those that failed from the candidates of `FURTHER_STARTS`.
+
+        Args:
+            nodes: The nodes.
+            bound: The bound that asks, under which NLPs are counted and nodes are refuted.
+        """
         for group in _by_depth(nodes):
             failed = yield from self._solve_from(group, [0], bound)
             # Where inverse kinematics found nothing at all, more starts are no better than one.
@@ -96,79 +157,109 @@ class NodeSolver:
                     node.refute(bound, node.violation)
 
     def _solve_from(self, nodes: list[Node], ranks: Sequence[int], bound: str) -> Steps[list[Node]]:
-        """Keyframe NLPs of nodes of one depth from their beam of these ranks; those nodes that failed."""
+        """Keyframe NLPs of nodes of one depth from their candidates of these ranks; those nodes that failed."""
         for first in range(0, len(nodes), BATCH):
             self.look_at_the_clock()
             lanes = [(node, rank) for node in nodes[first : first + BATCH] for rank in ranks]
-            starts = [keyframe_start(node.beam, rank, node.depth) for node, rank in lanes]  # type: ignore[arg-type]
-            solutions = yield Solve([node.problem for node, _ in lanes], starts, self.settings)  # type: ignore[misc]
+            problems = [_problem_of(node) for node, _ in lanes]
+            starts = [keyframe_start(_beam_of(node), rank, node.depth) for node, rank in lanes]
+            solutions = yield SolveNlps(self.model, problems, starts, self.settings)
             self.counts.nlps[bound] += len(lanes)
             for (node, _), solution in zip(lanes, solutions, strict=True):
-                if not solution.feasible:
-                    # NaN is no smaller than anything.
-                    node.violation = min(solution.ratio, node.violation)
-                else:
+                if solution.feasible:
                     node.feasible = True
-                    node.beam = adopt(node.beam, node.problem, solution)  # type: ignore[arg-type]
+                    node.beam = adopt_solution(_beam_of(node), _problem_of(node), solution)
+                else:
+                    # NaN is no smaller than anything.
+                    node.violation = min(solution.relative_violation, node.violation)
         return [node for node in nodes if not node.feasible]
 
     def solve_from_all(self, nodes: list[Node], bound: str) -> Steps[None]:
-        """Keyframe NLPs of nodes from every particle."""
+        """Solve the keyframe NLPs of nodes from every candidate.
+
+        Args:
+            nodes: The nodes.
+            bound: The bound that asks.
+        """
         for group in _by_depth(nodes):
-            yield from self._solve_from([node for node in group if _is_reached(node)], range(BEAM_WIDTH), bound)
+            reached = [node for node in group if _is_reached(node)]
+            yield from self._solve_from(reached, range(BEAM_WIDTH), bound)
 
-    def free_grasp(self, node: Node, root: Node, ignored: Sequence[str], seed: int) -> None:
-        """Give a node of a grasp and the next action on the same object the problem of the latter alone, and a parent
-        whose beam hold the object anyhow."""
+    def isolate_switch(self, node: Node, root: Node, ignored: Sequence[str], seed: int) -> None:
+        """Give a node of two actions on one object the problem of the second action alone.
+
+        The node also gets a parent whose candidates hold the object in any way.
+
+        Args:
+            node: An action that leaves its object in a gripper, and the next action on the same object.
+            root: The tree's root.
+            ignored: Names of the objects that are left out.
+            seed: Seed of the sample.
+        """
         assert root.beam is not None
-        grasp, action = node.actions
-        node.problem = transcribe_switch(self.scene, grasp, action, ignored)
-        node.parent = Node((grasp,), 0, root, reaches_goal=False, feasible=True)
-        node.parent.beam = held_prefix(node.problem, root.beam.q.shape[1], seed)
-
-    def _parent_beam(self, node: Node, ignored: tuple[str, ...]) -> KeyframeBeam:
-        assert node.parent is not None and node.parent.beam is not None
-        if node.parent.depth == 0 and ignored:
-            return self.leave_out(node.parent.beam, frozenset(ignored))
-        return node.parent.beam
-
-    def leave_out(self, beam: KeyframeBeam | None, ignored: frozenset[str]) -> KeyframeBeam:
-        """KeyframeBeam with some objects left out of the world."""
-        assert beam is not None
-        kind = beam.kind.copy()
-        kind[[self.scene.object_index(name) for name in ignored]] = ABSENT
-        return beam._replace(kind=kind)
+        before, action = node.actions
+        k_max = root.beam.q.shape[1]
+        node.problem = transcribe_switch(self.scene, before, action, ignored, self.operators)
+        node.parent = Node((before,), 0, root, reaches_goal=False, feasible=True)
+        node.parent.beam = held_beam(node.problem, k_max, seed)
 
     def path_keyframes(self, node: Node) -> list[Variables]:
-        """Keyframes that the path of a node that passed the sequence bound may start from: good beam, at least one
-        and at most so many as `PATH_STARTS`."""
-        assert node.beam is not None and node.feasible
-        # Spread over the beam: neighbours in rank often are siblings.
-        good = int((node.beam.violation <= GOOD).sum())
-        ranks = _spread(range(good), PATH_STARTS)
-        return [keyframe_start(node.beam, rank, node.depth) for rank in ranks]
+        """Keyframes that a path may start from: good candidates, at least one and at most `PATH_STARTS`.
+
+        Args:
+            node: A node that passed the sequence bound.
+        """
+        assert node.feasible
+        beam = _beam_of(node)
+        # Spread over the candidates: neighbors in rank often are siblings.
+        good = int((beam.violation <= GOOD_PENETRATION).sum())
+        return [keyframe_start(beam, rank, node.depth) for rank in _spread(range(good), PATH_STARTS)]
 
     def more_keyframes(self, node: Node, most: int) -> Steps[list[Variables]]:
-        """At most so many further keyframes: solutions of the keyframe NLP from beam that are not good."""
-        assert node.problem is not None and node.beam is not None
+        """Solve the keyframe NLP from candidates that are not good.
+
+        Args:
+            node: A node that passed the sequence bound.
+            most: Most solutions that are wanted.
+
+        Returns:
+            Solutions, at most so many.
+        """
         self.look_at_the_clock()
-        violation = node.beam.violation
-        ranks = range(int((violation <= GOOD).sum()), int((violation < UNREACHABLE).sum()))
-        starts = [keyframe_start(node.beam, rank, node.depth) for rank in ranks]
+        problem = _problem_of(node)
+        beam = _beam_of(node)
+        good = int((beam.violation <= GOOD_PENETRATION).sum())
+        ranks = range(good, int((beam.violation < UNREACHABLE).sum()))
+        starts = [keyframe_start(beam, rank, node.depth) for rank in ranks]
         if not starts:
             return []
-        solutions = yield Solve([node.problem] * len(starts), starts, self.settings)
+        solutions = yield SolveNlps(self.model, [problem] * len(starts), starts, self.settings)
         self.counts.nlps["sequence"] += len(starts)
         return _spread([Variables(found.q, found.m) for found in solutions if found.feasible], most)
 
     def solve_path(self, node: Node, keyframes: Variables | None = None) -> Steps[NlpSolution]:
-        """Path of a node that passed the sequence bound, from keyframes of its own, if not from its best."""
-        assert node.problem is not None
+        """Solve the path NLP of a node that passed the sequence bound.
+
+        Args:
+            node: The node.
+            keyframes: Where the path starts from; by default the node's best keyframes.
+        """
         self.look_at_the_clock()
-        start = path_start(node.problem, keyframes or self.path_keyframes(node)[0])
+        problem = _problem_of(node)
+        start = initial_path(self.model, problem, keyframes or self.path_keyframes(node)[0])
         self.counts.nlps["path"] += 1
-        solved = yield Solve([path_problem(node.problem, start)], [start], self.settings)
+        solved: list[NlpSolution] = yield SolveNlps(self.model, [path_problem(problem, start)], [start], self.settings)
         return solved[0]
+
+
+def _problem_of(node: Node) -> Problem:
+    assert node.problem is not None
+    return node.problem
+
+
+def _beam_of(node: Node) -> KeyframeBeam:
+    assert node.beam is not None
+    return node.beam
 
 
 def _spread(items: Sequence[_Item], most: int) -> list[_Item]:
@@ -186,5 +277,5 @@ def _by_depth(nodes: Sequence[Node]) -> list[list[Node]]:
 
 
 def _is_reached(node: Node) -> bool:
-    """Whether inverse kinematics found all postures of some particle."""
+    """Whether inverse kinematics found all postures of some candidate."""
     return node.beam is not None and bool(node.beam.violation.min() < UNREACHABLE)

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from dvr_jax.logic import Grounding
+from dvr_jax.operators import Operator
 from dvr_jax.scene.types import Scene
 
 
@@ -48,6 +49,18 @@ class SequencePredictor(Protocol[Images, Encoding]):
     @property
     def size(self) -> Hashable:
         """Sizes of the network; networks of equal size run the same compiled programs."""
+        ...
+
+    def unfit_reason(self, scene: Scene, operators: Sequence[Operator]) -> str | None:
+        """Say why the network cannot guide a search.
+
+        Args:
+            scene: The scene.
+            operators: Operators that the plan may consist of.
+
+        Returns:
+            The reason in words; None if the network fits.
+        """
         ...
 
     def render(self, scene: Scene) -> Images:

@@ -1,14 +1,14 @@
-"""Search that a network guides: Algorithm 1 of the paper ("LGP with Deep Visual Reasoning"), and its variant for the
-recurrent feasibility classifier.
+"""Search that a network guides: Algorithm 1 of the paper, and its variant for the recurrent feasibility classifier.
 
-The network says of each action how promising it is after the prefix before it. The node with the highest prediction
-is expanded first; of the sequences found that reach the goal, those are solved whose prediction exceeds a threshold,
-which falls as the search goes on. Whatever the network says, every sequence of at most K_max actions is reached in the
-end unless a bound has refuted a prefix of it, so nothing that breadth-first search finds is lost.
+The network says of each action how promising it is after the prefix before it. The node with the highest prediction is
+expanded first; of the sequences found that reach the goal, those are solved whose prediction exceeds a threshold, which falls
+as the search goes on. Whatever the network says, every sequence of at most K_max actions is reached in the end unless a bound
+has refuted a prefix of it, so nothing that breadth-first search finds is lost.
 
-Beyond the paper: each time that none of the sequences tried was feasible, the next try waits for four times as many
-above the threshold and judges their keyframes in one batch; paths are tried in the order of the predictions. Where the
-network is right nothing changes; where it is wrong, a batch is many times cheaper than its members one by one."""
+Beyond the paper: each time that none of the sequences tried was feasible, the next try waits for four times as many above the
+threshold and judges their keyframes in one batch; paths are tried in the order of the predictions. Where the network is right
+nothing changes; where it is wrong, a batch is many times cheaper than its members one by one.
+"""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ from dataclasses import dataclass
 from itertools import count
 
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import Float
 
 from dvr_jax.search.node import Node
 from dvr_jax.search.predictor import Encoding, Images, SequencePredictor
-from dvr_jax.search.run import EXHAUSTED, Outcome, Run
+from dvr_jax.search.session import Outcome, SearchSession
+from dvr_jax.search.status import PlanStatus
 from dvr_jax.search.work import Steps
 
 THRESHOLD = 0.5
@@ -43,12 +44,12 @@ class _Candidate:
 
     node: Node
     probability: float
-    hidden: NDArray[np.float32] | None
+    hidden: Float[np.ndarray, " hidden"] | None
     """State after the node's actions; None of a sequence that reaches the goal, after which nothing is asked."""
 
 
 class _ByProbability:
-    """Nodes to be expanded, the most promising first."""
+    """Nodes to be expanded or tried, the most promising first."""
 
     def __init__(self) -> None:
         self._heap: list[tuple[float, int, _Candidate]] = []
@@ -58,21 +59,30 @@ class _ByProbability:
         return len(self._heap)
 
     def push(self, candidate: _Candidate) -> None:
+        """Add a candidate."""
         heapq.heappush(self._heap, (-candidate.probability, next(self._count), candidate))
 
     def pop(self, threshold: float) -> _Candidate:
+        """Remove and return the most promising candidate, whatever the threshold."""
         return heapq.heappop(self._heap)[2]
 
     def take(self, number: int, threshold: float) -> list[_Candidate]:
-        """The `number` most promising that nothing has refuted, if all exceed the threshold, else none; if the
-        threshold is negative, as many as there are. Refuted ones are dropped."""
+        """Remove and return the most promising candidates that nothing has refuted; refuted ones are dropped.
+
+        Args:
+            number: How many are wanted.
+            threshold: All of them have to exceed it, else none is returned; where it is negative, as many are returned as
+                there are.
+        """
         entries: list[tuple[float, int, _Candidate]] = []
         while self._heap and len(entries) < number:
             entry = heapq.heappop(self._heap)
             if not _is_refuted(entry[2].node):
                 entries.append(entry)
-        if threshold < 0 or (len(entries) == number and entries[-1][2].probability > threshold):
-            return [entry[2] for entry in entries]
+
+        is_enough = len(entries) == number and entries[-1][2].probability > threshold
+        if threshold < 0 or is_enough:
+            return [candidate for _, _, candidate in entries]
         for entry in entries:
             heapq.heappush(self._heap, entry)
         return []
@@ -89,65 +99,85 @@ class _ByDepth(_ByProbability):
         return len(self._heap) + len(self._ready)
 
     def pop(self, threshold: float) -> _Candidate:
-        while self._heap and (self._heap[0][2].probability > threshold or not self._ready):
+        """Remove and return the shortest candidate above the threshold, or the most promising one."""
+        while self._heap and (-self._heap[0][0] > threshold or not self._ready):
             candidate = heapq.heappop(self._heap)[2]
-            entry = candidate.node.depth, -candidate.probability, next(self._count), candidate
+            entry = (candidate.node.depth, -candidate.probability, next(self._count), candidate)
             heapq.heappush(self._ready, entry)
         return heapq.heappop(self._ready)[3]
 
 
-def visual_reasoning(run: Run, network: SequencePredictor[Images, Encoding]) -> Steps[Outcome]:
-    """Algorithm 1: the network predicts whether an action leads to the goal."""
-    return (yield from _guided(run, network, _ByProbability()))
+def visual_reasoning(session: SearchSession, network: SequencePredictor[Images, Encoding]) -> Steps[Outcome]:
+    """Search by Algorithm 1: the network predicts whether an action leads to the goal.
+
+    Args:
+        session: The search under way.
+        network: A network of the kind "dvr".
+    """
+    return (yield from _guided(session, network, _ByProbability()))
 
 
-def feasibility_classifier(run: Run, network: SequencePredictor[Images, Encoding]) -> Steps[Outcome]:
-    """The network predicts whether a prefix is feasible, whatever the goal: breadth-first among the feasible ones."""
-    return (yield from _guided(run, network, _ByDepth()))
+def feasibility_classifier(session: SearchSession, network: SequencePredictor[Images, Encoding]) -> Steps[Outcome]:
+    """Search breadth-first among what the network predicts to be feasible, whatever the goal.
+
+    Args:
+        session: The search under way.
+        network: A network of the kind "classifier".
+    """
+    return (yield from _guided(session, network, _ByDepth()))
 
 
-def _guided(run: Run, network: SequencePredictor[Images, Encoding], expand: _ByProbability) -> Steps[Outcome]:
-    tree = run.tree
-    with run.timed("image"):
+def _guided(
+    session: SearchSession, network: SequencePredictor[Images, Encoding], to_expand: _ByProbability
+) -> Steps[Outcome]:
+    tree = session.tree
+    with session.timed("image"):
         images = network.render(tree.scene)
-    with run.timed("network"):
+    with session.timed("network"):
         encoding = network.encode_scene(tree.scene, tree.grounding, images)
-    expand.push(_Candidate(tree.root, 1.0, encoding.initial_hidden()[0]))
-    leaves, threshold, width = _ByProbability(), THRESHOLD, 1
-    while expand or leaves:
+    to_expand.push(_Candidate(tree.root, 1.0, encoding.initial_hidden()[0]))
+
+    leaves = _ByProbability()
+    threshold = THRESHOLD
+    width = 1
+    while to_expand or leaves:
         tree.solver.look_at_the_clock()
-        if expand:
-            candidate = expand.pop(threshold)
-            if not _is_refuted(candidate.node) and (
-                candidate.node is tree.root or tree.check_cached_pose_bound(candidate.node)
-            ):
-                with run.timed("network"):
-                    children = _query(run, network, encoding, candidate)
-                for child in children:
-                    (leaves if child.node.reaches_goal else expand).push(child)
+        if to_expand:
+            for child in _expand(session, network, encoding, to_expand.pop(threshold)):
+                (leaves if child.node.reaches_goal else to_expand).push(child)
+
         while leaves:
             # With nothing left to expand all sequences are known, and the threshold has done its work.
-            batch = leaves.take(width, threshold if expand else -1.0)
+            batch = leaves.take(width, threshold if to_expand else -1.0)
             if not batch:
                 threshold *= DISCOUNT
                 break
-            outcome = yield from _try(run, [leaf.node for leaf in batch])
+            outcome = yield from _try(session, [leaf.node for leaf in batch])
             if outcome is not None:
                 return outcome
             width = min(GROWTH * width, LARGEST_BATCH)
-    return Outcome(EXHAUSTED, None, None, run.seconds)
+    return Outcome(PlanStatus.EXHAUSTED, seconds=session.seconds)
 
 
-def _query(
-    run: Run, network: SequencePredictor[Images, Encoding], encoding: Encoding, parent: _Candidate
+def _expand(
+    session: SearchSession,
+    network: SequencePredictor[Images, Encoding],
+    encoding: Encoding,
+    parent: _Candidate,
 ) -> list[_Candidate]:
-    """Children of a node that pass the symbolic bound, with their predictions."""
-    children = run.tree.expand(parent.node)
-    if not children:
+    """Children of a node that pass the symbolic bound, with their predictions; none of a node that is refuted."""
+    tree = session.tree
+    if _is_refuted(parent.node):
         return []
-    actions = [run.tree.grounding.index(child.actions[-1]) for child in children]
-    assert parent.hidden is not None
-    probabilities, after = network.predict(encoding, parent.hidden[None], actions)
+    if parent.node is not tree.root and not tree.check_cached_pose_bound(parent.node):
+        return []
+    with session.timed("network"):
+        children = tree.expand(parent.node)
+        if not children:
+            return []
+        actions = [tree.grounding.index(child.actions[-1]) for child in children]
+        assert parent.hidden is not None
+        probabilities, after = network.predict(encoding, parent.hidden[None], actions)
     return [
         # Where all reach the goal, as in the last level, nothing keeps the states.
         _Candidate(child, probability, None if child.reaches_goal else hidden)
@@ -155,14 +185,18 @@ def _query(
     ]
 
 
-def _try(run: Run, leaves: list[Node]) -> Steps[Outcome | None]:
-    """All bounds of leaves, the path bound in the order of their predictions.
+def _try(session: SearchSession, leaves: list[Node]) -> Steps[Outcome | None]:
+    """Take all bounds of leaves, the path bound in the order of their predictions.
 
-    A leaf alone is what the network is sure of; the pose bound, which other leaves share, pays where there are many."""
-    run.tree.counts.verdicts["leaf"] += len(leaves)
-    passed = yield from (run.judge_leaves(leaves) if len(leaves) > 1 else run.judge_prefix_chains(leaves))
+    A leaf alone is what the network is sure of; the pose bound, which other leaves share, pays where there are many.
+    """
+    session.tree.counts.verdicts["leaf"] += len(leaves)
+    if len(leaves) > 1:
+        passed = yield from session.judge_leaves(leaves)
+    else:
+        passed = yield from session.judge_prefix_chains(leaves)
     for leaf in passed:
-        outcome = yield from run.try_leaves([leaf])
+        outcome = yield from session.try_leaves([leaf])
         if outcome is not None:
             return outcome
     return None

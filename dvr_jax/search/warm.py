@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from threading import Event, Thread
@@ -11,20 +11,108 @@ import jax
 import jax.numpy as jnp
 
 from dvr_jax.logic import Action
-from dvr_jax.nlp.problem import PARAMETERS, Variables
-from dvr_jax.nlp.transcription import transcribe
+from dvr_jax.modes.mode import PARAMETERS
+from dvr_jax.nlp.problem import Problem, Variables
+from dvr_jax.nlp.transcription import transcribe, walk
+from dvr_jax.operators import OPERATORS, Operator, operator_of
 from dvr_jax.runtime.batch_sizes import batch_sizes
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.predictor import Encoding, Images, SequencePredictor
 from dvr_jax.search.tree import SequenceTree
-from dvr_jax.seeds.initial_paths import path_problem, path_start
-from dvr_jax.seeds.keyframe_beam import empty_prefix
+from dvr_jax.seeds.beam_batches import BeamTask, extend_beams
+from dvr_jax.seeds.initial_paths import initial_path, path_problem
+from dvr_jax.seeds.keyframe_beam import empty_beam
 from dvr_jax.solver.augmented_lagrangian import Settings
 from dvr_jax.solver.continuous_collision import sample_penetration
-from dvr_jax.solver.engine import extend_beams, solve, stack
+from dvr_jax.solver.lane_pool import solve, stack
+from dvr_jax.workcell.model import WorkcellModel, workcell_model
 
-_ready: set[tuple[int, int, Hashable]] = set()
-"""Number of objects, number of actions and size of the network whose programs this process has."""
+Job = Callable[[], None]
+
+_ready: set[Hashable] = set()
+"""Sizes of the scenes whose programs this process has."""
+
+
+class _Programs:
+    """Calls that compile the programs of scenes like a given one."""
+
+    def __init__(self, scene: Scene, k_max: int, operators: Sequence[Operator]) -> None:
+        """Transcribe sequences of every length.
+
+        Args:
+            scene: Any scene of the size that is wanted; what it asks for is not solved.
+            k_max: Largest number of actions.
+            operators: The operators that are known.
+        """
+        self.model: WorkcellModel = workcell_model(scene.workcell)
+        self.k_max = k_max
+        self.settings = Settings(iteration_limit=1)
+        actions = covering_sequence(scene, k_max, operators)
+        lengths = range(1, len(actions) + 1)
+        self.problems: dict[int, Problem] = {K: transcribe(scene, actions[:K], operators=operators) for K in lengths}
+        self.proposals = [
+            operator_of(action, operators).proposal(state.modes[switch.item].kind)
+            for action, state, switch in zip(actions, *walk(scene, actions, (), operators), strict=False)
+        ]
+
+    def solve_keyframes(self, length: int) -> None:
+        """Do one iteration of a keyframe NLP."""
+        problem = self.problems[length]
+        solve(self.model, [problem], [self._home(length)], self.settings)
+
+    def solve_path(self, length: int) -> None:
+        """Do one iteration of a path NLP, and look between its samples."""
+        problem = self.problems[length]
+        start = initial_path(self.model, problem, self._home(length))
+        path = path_problem(problem, start)
+        sample_penetration(self.model, stack([path]), stack([start]))
+        solve(self.model, [path], [start], self.settings)
+
+    def extend(self, lanes: int) -> None:
+        """Extend a beam along the sequence, so many prefixes at a time."""
+        problem = self.problems[1]
+        beam = empty_beam(len(problem.prism), self.k_max, len(problem.home))
+        for length, proposal in enumerate(self.proposals, start=1):
+            (beam,) = extend_beams(self.model, [BeamTask(beam, self.problems[length], proposal)], [lanes], 0)
+
+    def _home(self, length: int) -> Variables:
+        problem = self.problems[length]
+        return Variables(jnp.tile(problem.home, (length, 1)), jnp.zeros((length, PARAMETERS)))
+
+
+def covering_sequence(scene: Scene, length: int, operators: Sequence[Operator] = OPERATORS) -> tuple[Action, ...]:
+    """A sequence in which every way to sample an action occurs early.
+
+    Whether it can be done does not matter, nor whether it reaches the goal.
+
+    Args:
+        scene: A valid scene.
+        length: Number of actions.
+        operators: The operators that are known.
+    """
+    grounding = SequenceTree(scene, length, operators=operators).grounding
+    state = grounding.initial_state
+    actions: list[Action] = []
+    seen: dict[str, int] = {}
+    while len(actions) < length:
+        allowed = [(index, grounding.actions[index]) for index in grounding.applicable(state)]
+        names = [_proposal_name(scene, (*actions, action), operators) for _, action in allowed]
+        if not names:
+            break
+        # Of the actions that are allowed, the one whose way of sampling has occurred least.
+        chosen = min(range(len(names)), key=lambda i: seen.get(names[i], 0))
+        index, action = allowed[chosen]
+        seen[names[chosen]] = seen.get(names[chosen], 0) + 1
+        actions.append(action)
+        state = grounding.successor(state, index)
+    return tuple(actions)
+
+
+def _proposal_name(scene: Scene, actions: Sequence[Action], operators: Sequence[Operator]) -> str:
+    """How the last action of a sequence is sampled."""
+    states, switches = walk(scene, actions, (), operators)
+    before = states[-2].modes[switches[-1].item].kind
+    return operator_of(actions[-1], operators).proposal(before).name
 
 
 def warm_up(
@@ -32,82 +120,90 @@ def warm_up(
     k_max: int = 6,
     network: SequencePredictor[Images, Encoding] | None = None,
     stop: Callable[[], bool] = lambda: False,
+    operators: Sequence[Operator] = OPERATORS,
 ) -> None:
-    """Run every program once: one iteration of each NLP of 1 to ``k_max`` actions, one query of the network.
+    """Run every program once: one iteration of each NLP of 1 to `k_max` actions, one query of the network.
 
     Args:
-        scene: any with the number of objects that is wanted; what it asks for is not solved.
-        stop: asked between programs whether the rest is no longer needed.
+        scene: Any scene of the size that is wanted; what it asks for is not solved.
+        k_max: Largest number of actions.
+        network: The network that guides the search, if any.
+        stop: Asked between programs whether the rest is no longer needed.
+        operators: The operators that are known.
     """
-    name = scene.goal.object
-    # Whether these can be done does not matter; all kinds of extension occur.
-    actions = [
-        Action("grasp", ("left", "+x", name)),
-        Action("grasp", ("right", "+y", name)),
-        Action("place", ("right", name, "table")),
-        Action("grasp", ("left", "+x", name)),
-        Action("grasp", ("right", "+y", name)),
-        Action("place", ("right", name, "goal")),
-    ]
-    once = Settings(iteration_limit=1)
-    lengths = range(1, k_max + 1)
     with jax.enable_x64(True):
-        problems = {K: transcribe(scene, [actions[k % len(actions)] for k in range(K)]) for K in lengths}
-        points = {K: Variables(jnp.tile(p.home, (K, 1)), jnp.zeros((K, PARAMETERS))) for K, p in problems.items()}
-
-        def solve_keyframes(K: int) -> None:
-            solve([problems[K]], [points[K]], once)
-
-        def solve_path(K: int) -> None:
-            begin = path_start(problems[K], points[K])
-            path = path_problem(problems[K], begin)
-            sample_penetration(stack([path]), stack([begin]))
-            solve([path], [begin], once)
-
-        def extend(lanes: int) -> None:
-            beam = empty_prefix(len(scene.objects), k_max)
-            for problem in problems.values():
-                (beam,) = extend_beams([beam], [problem], 0, [lanes])
-
-        # In the order in which a search comes to need them. One that is guided extends beam itself meanwhile; the
-        # prefixes and paths that it then has to solve are seldom the shortest or the longest, so these come last.
-        keyframes, paths = ([partial(call, K) for K in lengths] for call in (solve_keyframes, solve_path))
-        one_by_one = [1] if batch_sizes().few else []
-        extensions = [partial(extend, lanes) for lanes in (*one_by_one, batch_sizes().beam_lanes)]
-        if network is None:
-            jobs = [*keyframes, *reversed(extensions), *paths]
-        else:
-            middle_out = sorted(range(k_max), key=lambda k: abs(k - (k_max - 1.5) / 2))
-            jobs = [call[k] for some in (middle_out[:-2], middle_out[-2:]) for call in (keyframes, paths) for k in some]
-            jobs = [partial(_query, scene, k_max, network), *jobs, *extensions]
-        for job in jobs:
+        programs = _Programs(scene, k_max, operators)
+        for job in _jobs(programs, scene, network):
             if stop():
                 return
             job()
-    _ready.add(_key(scene, k_max, network))
+    _ready.add(_key(scene, k_max, network, operators))
+
+
+def _jobs(programs: _Programs, scene: Scene, network: SequencePredictor[Images, Encoding] | None) -> list[Job]:
+    """What has to be compiled, in the order in which a search comes to need it."""
+    lengths = list(programs.problems)
+    keyframes = {length: partial(programs.solve_keyframes, length) for length in lengths}
+    paths = {length: partial(programs.solve_path, length) for length in lengths}
+    sizes = batch_sizes()
+    lane_numbers = [*([1] if sizes.few else []), sizes.beam_lanes]
+    extensions = [partial(programs.extend, lanes) for lanes in lane_numbers]
+    if network is None:
+        return [*keyframes.values(), *reversed(extensions), *paths.values()]
+
+    # A guided search extends beams itself meanwhile; the prefixes and paths that it then has to solve are seldom the
+    # shortest or the longest, so these come last.
+    middle = (1 + len(lengths)) / 2 - 0.25
+    from_middle = sorted(lengths, key=lambda length: abs(length - middle))
+    jobs: list[Job] = [partial(_query, scene, programs.k_max, network)]
+    for part in (from_middle[:-2], from_middle[-2:]):
+        jobs += [keyframes[length] for length in part]
+        jobs += [paths[length] for length in part]
+    return [*jobs, *extensions]
 
 
 def _query(scene: Scene, k_max: int, network: SequencePredictor[Images, Encoding]) -> None:
     """Ask a network for one child and for as many as there may be."""
     tree = SequenceTree(scene, k_max)
     encoding = network.encode_scene(scene, tree.grounding)
-    widest = len(list(tree.grounding.applicable(tree.grounding.initial_state)))
+    widest = len(tree.grounding.applicable(tree.grounding.initial_state))
     for children in (1, widest):
         network.predict(encoding, encoding.initial_hidden(), range(children))
 
 
-def _key(scene: Scene, k_max: int, network: SequencePredictor[Images, Encoding] | None) -> tuple[int, int, Hashable]:
-    return len(scene.objects), k_max, None if network is None else network.size
+def _key(
+    scene: Scene,
+    k_max: int,
+    network: SequencePredictor[Images, Encoding] | None,
+    operators: Sequence[Operator],
+) -> Hashable:
+    """Equal for scenes and networks that use the same programs."""
+    structure = workcell_model(scene.workcell).structure
+    names = tuple(operator.name for operator in operators)
+    size = None if network is None else network.size
+    return structure, len(scene.objects), len(scene.fixed), k_max, size, names
 
 
 @contextmanager
-def warming_up(scene: Scene, k_max: int, network: SequencePredictor[Images, Encoding] | None) -> Iterator[None]:
-    """Compile on another core what the work inside will soon need, unless this process has it."""
-    if _key(scene, k_max, network) in _ready:
+def warming_up(
+    scene: Scene,
+    k_max: int,
+    network: SequencePredictor[Images, Encoding] | None,
+    operators: Sequence[Operator] = OPERATORS,
+) -> Iterator[None]:
+    """Compile on another core what the work inside will soon need, unless this process has it.
+
+    Args:
+        scene: The scene of the work inside.
+        k_max: Largest number of actions.
+        network: The network that guides the search, if any.
+        operators: The operators that are known.
+    """
+    if _key(scene, k_max, network, operators) in _ready:
         yield
         return
     done = Event()
-    thread = Thread(target=warm_up, args=(scene, k_max, network, done.is_set))
+    thread = Thread(target=warm_up, args=(scene, k_max, network, done.is_set, operators))
     thread.start()
     try:
         yield

@@ -1,19 +1,28 @@
-"""Where NLPs start from: keyframes from particles, paths through keyframes; and the path NLP of such a start."""
+"""Where NLPs start from: keyframes from a beam, paths through keyframes; and the path NLP of such a start."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
+from jaxtyping import Float
 from scipy.interpolate import PchipInterpolator
 
-from dvr_jax.nlp.problem import HELD_LEFT, Problem, Variables
+from dvr_jax.modes.mode import ModeKind
+from dvr_jax.nlp.problem import Problem, Variables, number_of_phases
 from dvr_jax.seeds.keyframe_beam import KeyframeBeam
-from dvr_jax.solver.continuous_collision import PATH_SAMPLES, even_shares, place_samples
-from dvr_jax.workcell.panda.inverse_kinematics import shift_gripper
+from dvr_jax.solver.continuous_collision import PATH_SAMPLES, even_fractions, place_samples
+from dvr_jax.workcell.gripper_motion import shift_gripper
+from dvr_jax.workcell.model import WorkcellModel
 
 NEAR_SWITCH = 0.3
-"""Share of a phase next to a switch in which the path is drawn to its start."""
-NEAR_ATTRACTION, FAR_ATTRACTION = 0.3, 1e-2
-"""Weights of that pull there and elsewhere [1/rad^2]."""
+"""Part of a phase next to a switch in which the path is drawn more strongly to its start."""
+
+NEAR_WEIGHT = 0.3
+"""Weight of that pull near a switch [1/rad^2]."""
+
+FAR_WEIGHT = 1e-2
+"""Weight of that pull elsewhere [1/rad^2]."""
 
 CLEARANCE = 0.08
 """How far a gripper's clear pose is from its switch [m]."""
@@ -21,72 +30,133 @@ CLEARANCE = 0.08
 STEPS_PER_PHASE = 10
 """Slices of a path per phase."""
 
-
-def keyframe_start(prefix: KeyframeBeam, rank: int, K: int) -> Variables:
-    """The particle of this rank (0: least violation) as a start of the keyframe NLP."""
-    index = int(np.argsort(prefix.violation, kind="stable")[rank])
-    return Variables(prefix.q[index, :K].astype(float), prefix.m[index, :K].astype(float))
+SHIFT_LANES = 16
+"""Postures that are shifted in one call, or a multiple: few sizes are compiled."""
 
 
-def path_start(problem: Problem, keyframes: Variables) -> Variables:
-    """A path through keyframes, at rest at each; an arm that takes part in a switch comes and goes through a clear
-    pose beside it."""
+@dataclass(frozen=True, slots=True)
+class _ClearPose:
+    """One posture beside a switch that is wanted."""
+
+    phase: int
+    arm: int
+    is_before: bool
+    """Whether the posture is taken before the switch, or after it."""
+
+    is_up: bool
+    """Whether the gripper is moved straight up, or back along its approach."""
+
+
+def keyframe_start(beam: KeyframeBeam, rank: int, phases: int) -> Variables:
+    """A candidate of a beam as a start of the keyframe NLP.
+
+    Args:
+        beam: Beam of a prefix.
+        rank: Rank of the candidate; 0 is the one of least violation.
+        phases: Number of actions of the prefix.
+    """
+    index = int(np.argsort(beam.violation, kind="stable")[rank])
+    q = np.asarray(beam.q)[index, :phases]
+    m = np.asarray(beam.m)[index, :phases]
+    return Variables(q.astype(float), m.astype(float))
+
+
+def initial_path(model: WorkcellModel, problem: Problem, keyframes: Variables) -> Variables:
+    """A path through keyframes, at rest at each; an arm that takes part in a switch comes and goes through a clear pose.
+
+    Args:
+        model: Arms of the workcell.
+        problem: Keyframe NLP of the sequence.
+        keyframes: A solution of it.
+    """
     K = keyframes.q.shape[0]
-    before = np.concatenate([problem.home[None], keyframes.q[:-1]])
-    coming, going = _clear_postures(problem, keyframes.q)
+    home = np.asarray(problem.home)
+    before = np.concatenate([home[None], keyframes.q[:-1]])
+    coming, going = _clear_postures(model, problem, np.asarray(keyframes.q))
     leaving = np.concatenate([before[:1], going[:-1]])
-    # The last interval before a switch is one of rest.
+
+    # At rest at both ends of a phase: time runs as a cubic, and the joints as a monotone curve of it. The last interval
+    # before a switch is one of rest.
     tau = np.minimum(np.arange(1, STEPS_PER_PHASE + 1) / (STEPS_PER_PHASE - 1), 1)
-    # At rest at both ends: time runs as a cubic, and the joints as a monotone curve of it.
-    curves = PchipInterpolator([0.0, 0.25, 0.75, 1.0], np.stack([before, leaving, coming, keyframes.q]), axis=0)
+    knots = np.stack([before, leaving, coming, keyframes.q])
+    curves = PchipInterpolator([0.0, 0.25, 0.75, 1.0], knots, axis=0)
     q = curves(tau * tau * (3 - 2 * tau)).swapaxes(0, 1)
     return Variables(q.reshape(K * STEPS_PER_PHASE, -1), keyframes.m)
 
 
 def path_problem(problem: Problem, start: Variables, samples: int = PATH_SAMPLES) -> Problem:
-    """The path NLP of a sequence from its keyframe NLP: drawn to its start, and more so close to a switch, for the
-    arms that take part; both rest at the end; distances are taken on the motion through the start, `PATH_SAMPLES` times
-    an interval, or once: at the slices alone.
+    """The path NLP of a sequence from its keyframe NLP.
 
-    Without it the shortest motion sweeps sideways into a grasp, and hops over the object's edge between two slices.
+    The path is drawn to its start, and more so close to a switch, for the arms that take part: without it the shortest motion
+    sweeps sideways into a grasp. All arms rest at the end. Distances are taken on the motion through the start.
+
+    Args:
+        problem: Keyframe NLP.
+        start: An initial path.
+        samples: Samples of each interval; with 1 distances are taken at the slices alone.
     """
-    T, K = len(start.q), len(problem.is_grasp)
+    T = len(start.q)
+    K = number_of_phases(problem)
     S = T // K
     near = round(NEAR_SWITCH * S)
-    attraction = np.full(start.q.shape, FAR_ATTRACTION)
-    for k, taking_part in enumerate(problem.resting):
-        weight = np.where(np.repeat(taking_part, 7) > 0, NEAR_ATTRACTION, FAR_ATTRACTION)
+    joints_of_arm = start.q.shape[1] // problem.arm_at_rest.shape[1]
+    weight = np.full(start.q.shape, FAR_WEIGHT)
+    for k, taking_part in enumerate(problem.arm_at_rest):
+        own = np.where(np.repeat(taking_part, joints_of_arm) > 0, NEAR_WEIGHT, FAR_WEIGHT)
         part = slice((k + 1) * S - 1 - near, (k + 1) * S + near)
-        attraction[part] = np.maximum(attraction[part], weight)
-    resting = np.array(problem.resting)
-    resting[-1] = 1
-    drawn = problem._replace(reference=start.q, attraction=attraction, resting=resting)
-    return place_samples(drawn, start.q, even_shares(T, samples))
+        weight[part] = np.maximum(weight[part], own)
+
+    at_rest = np.array(problem.arm_at_rest)
+    at_rest[-1] = 1
+    path = problem._replace(
+        regularization_target=start.q,
+        regularization_weight=weight,
+        arm_at_rest=at_rest,
+    )
+    return place_samples(path, np.asarray(start.q), even_fractions(T, samples))
 
 
-def _clear_postures(problem: Problem, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Joint angles (K, 14) shortly before and after each switch: a gripper that comes to grasp or has let go is
-    `CLEARANCE` back along its approach, one that holds something that stands before or after the switch is as much
-    higher."""
+def _wanted_poses(problem: Problem) -> list[_ClearPose]:
+    """Clear poses beside all switches.
+
+    A gripper that comes to grasp, or has let go, is back along its approach; one that holds something that stands before or
+    after the switch is straight above.
+    """
+    wanted: list[_ClearPose] = []
+    for k, item in enumerate(problem.switched_object):
+        old = int(problem.mode_kind[k, item]) == ModeKind.HELD
+        new = int(problem.mode_kind[k + 1, item]) == ModeKind.HELD
+        giver = int(problem.mode_parent[k, item])
+        taker = int(problem.mode_parent[k + 1, item])
+        if new:
+            wanted.append(_ClearPose(k, taker, is_before=True, is_up=False))
+            wanted.append(_ClearPose(k, taker, is_before=False, is_up=not old))
+        if old and not (new and giver == taker):
+            wanted.append(_ClearPose(k, giver, is_before=False, is_up=False))
+            if not new:
+                wanted.append(_ClearPose(k, giver, is_before=True, is_up=True))
+    return wanted
+
+
+def _clear_postures(
+    model: WorkcellModel, problem: Problem, q: Float[np.ndarray, "phases joints"]
+) -> tuple[Float[np.ndarray, "phases joints"], Float[np.ndarray, "phases joints"]]:
+    """Joint angles shortly before and shortly after each switch [rad]."""
     K = len(q)
-    coming, going = np.array(q), np.array(q)
-    tasks: list[tuple[np.ndarray, int, int, bool]] = []
-    for k in range(K):
-        item = problem.switched_object[k]
-        old, new = int(problem.attachment[k, item]), int(problem.attachment[k + 1, item])
-        for arm in range(2):
-            gives, takes = old == HELD_LEFT + arm, new == HELD_LEFT + arm
-            if takes:
-                tasks += [(coming, k, arm, False), (going, k, arm, old < HELD_LEFT)]
-            elif gives:
-                tasks += [(going, k, arm, False)]
-                if new < HELD_LEFT:
-                    tasks += [(coming, k, arm, True)]
-    lanes = len(tasks) + (-len(tasks)) % 16
-    angles, arms, up = np.zeros((lanes, 7)), np.zeros(lanes, np.int32), np.zeros(lanes, bool)
-    for lane, (target, k, arm, rises) in enumerate(tasks):
-        angles[lane], arms[lane], up[lane] = target[k, 7 * arm : 7 * arm + 7], arm, rises
-    shifted = np.asarray(shift_gripper(angles, arms, up, np.asarray(CLEARANCE)))
-    for lane, (target, k, arm, _) in enumerate(tasks):
-        target[k, 7 * arm : 7 * arm + 7] = shifted[lane]
-    return coming, going
+    arms = model.structure.number_of_arms
+    coming = np.array(q).reshape(K, arms, -1)
+    going = np.array(coming)
+    wanted = _wanted_poses(problem)
+
+    lanes = len(wanted) + (-len(wanted)) % SHIFT_LANES
+    angles = np.zeros((lanes, model.structure.joints))
+    is_up = np.zeros(lanes, bool)
+    for lane, pose in enumerate(wanted):
+        angles[lane] = coming[pose.phase, pose.arm]
+        is_up[lane] = pose.is_up
+    shifted = np.asarray(shift_gripper(model, angles, is_up, np.asarray(CLEARANCE)))
+
+    for lane, pose in enumerate(wanted):
+        target = coming if pose.is_before else going
+        target[pose.phase, pose.arm] = shifted[lane]
+    return coming.reshape(K, -1), going.reshape(K, -1)

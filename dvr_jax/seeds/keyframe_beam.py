@@ -1,261 +1,373 @@
-"""Starts for the keyframe NLP: particles that are extended action by action along the tree of sequences.
+"""Starts for the keyframe NLP: a beam of candidates that is extended action by action along the tree of sequences.
 
-The NLP has local minima (which way the elbow points, from which side the gripper comes, where on the table an object
-is put), and one start near the home posture misses most feasible problems. So every prefix of a sequence keeps a few
-*particles*: joint angles at each switch and mode parameters that meet all switch constraints exactly, by closed-form
-inverse kinematics, ranked by how deep things penetrate. A child's particles are sampled from its parent's: proposals
-of mode parameters, inverse kinematics, distances, the best kept with a share for every parent. Sequences with a common
-prefix share its particles.
+The NLP has local minima (which way the elbow points, from which side the gripper comes, where on the table an object is put),
+and one start near the home posture misses most feasible problems. So every prefix of a sequence keeps a *beam*: a few
+candidates, each of them joint angles at each switch and mode parameters that meet all switch constraints exactly, by
+closed-form inverse kinematics, ranked by how deep things penetrate. The beam of a child is sampled from its parent's:
+proposals of mode parameters (`dvr_jax.operators`), inverse kinematics, distances, and the best are kept with a handicap for
+siblings. Sequences with a common prefix share its beam.
 
-KeyframeBeam propose. One that touches nothing is a feasible point by itself (`dvr_jax.search.node_solver.CERTIFIED_PENETRATION`); in all
-other cases the NLP decides.
+Candidates propose. One that touches nothing is a feasible point by itself
+(`dvr_jax.search.node_solver.CERTIFIED_PENETRATION`); in all other cases the NLP decides.
 """
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
+from jaxtyping import Float, Int
 
-from dvr_jax.geometry.vectors import Rotation, Vector, materialize
-from dvr_jax.modes.poses import Attachment
-from dvr_jax.nlp.problem import FIXED, HELD_LEFT, PARAMETERS, Problem
+from dvr_jax.geometry.arrays import Array
+from dvr_jax.geometry.vectors import (
+    Rotation,
+    Vector,
+    compose,
+    materialize,
+    rotate_back,
+    rotation_about_z,
+    transpose,
+)
+from dvr_jax.modes.mode import PARAMETERS, Attachment, ModeKind
+from dvr_jax.nlp.collision_distances import Bodies
+from dvr_jax.nlp.problem import Problem
 from dvr_jax.nlp.slices import Slices, measure
+from dvr_jax.operators.grasp import LARGEST_GRASP
+from dvr_jax.operators.proposal import UNIFORM_NUMBERS, BeamStep, ObjectBefore, Proposal, ProposedPoses, of_arm
 from dvr_jax.runtime.compilation import Program
-from dvr_jax.seeds.proposals import LARGEST_GRASP, NUMBERS, PROPOSE, BeamStep, Holding
-from dvr_jax.workcell.kinematics import load_arm
-from dvr_jax.workcell.panda.inverse_kinematics import BRANCHES, arm_angles
+from dvr_jax.workcell.kinematics import BasePoses
+from dvr_jax.workcell.model import WorkcellModel
 
 BEAM_WIDTH = 16
-"""KeyframeBeam kept for each prefix."""
+"""Candidates kept for each prefix."""
+
 PROPOSALS = 32
-"""Proposals for each particle."""
+"""Proposals for each candidate."""
+
 EVALUATED = 96
 """Proposals whose distances are computed: the best by inverse kinematics."""
-LAST_JOINT_SAMPLES = 3
-"""Values of q7 tried for each gripper pose."""
 
-TUCKED = (0.0, -1.3, 0.0, -2.7, 0.0, 1.6, math.pi / 4)
-"""A posture that keeps the resting arm out of the way [rad]; half of the proposals use it, the others the home
-posture."""
+FREE_ANGLE_SAMPLES = 3
+"""Values of each free joint that are tried for each gripper pose."""
+
+HOME_DISTANCE_WEIGHT = 0.01
+"""Cost of the squared distance of a posture from home [1/rad^2]; it ranks postures that reach their pose."""
 
 UNREACHABLE = 10.0
 """Stands for the violation of a proposal without inverse kinematics [m]."""
 
-SIBLING_PENALTY = {"grasp": 0.01, "handover": 0.01, "place": 0.003}
-"""By how much a further child of the same parent must be better [m]. A grasp decides what can be reached later, so its
-variety is worth more penetration than a placement's."""
-
-RANDOM_SHAPE = (NUMBERS + 2 * LAST_JOINT_SAMPLES, BEAM_WIDTH, PROPOSALS)
-"""Uniform numbers that one extension takes."""
-
 
 class KeyframeBeam(NamedTuple):
-    """KeyframeBeam of a batch of M prefixes; N objects, K_max switches at most."""
+    """Beams of M prefixes, B = `BEAM_WIDTH` candidates each; N objects, at most K_max switches.
 
-    kind: Array
-    """(M, N) int: how each object is attached after the prefix (the same for all particles)."""
-    face_yaw: Array
-    """(M, N) yaw of the closing axis where an object is held [rad]."""
-    parameters: Array
-    """(M, B, N, 4) mode parameters that each object is attached by."""
-    violation: Array
-    """(M, B) sum of penetrations over the prefix's switches [m]."""
-    q: Array
-    """(M, B, K_max, 14) joint angles at the switches so far [rad]."""
-    m: Array
-    """(M, B, K_max, 4) mode parameters of the actions so far."""
+    A beam of one prefix has no axis M.
+    """
 
+    kind: Int[Array, "*prefixes objects"]
+    """`ModeKind` of each object after the prefix, the same for all candidates."""
 
-def empty_prefix(number_of_objects: int, k_max: int) -> KeyframeBeam:
-    """KeyframeBeam of the empty prefix, without the batch axis."""
-    N, B = number_of_objects, BEAM_WIDTH
+    parent: Int[Array, "*prefixes objects"]
+    """Arm that holds each object; 0 where none does."""
 
-    def zeros(*shape: int) -> np.ndarray:
-        return np.zeros(shape, np.float32)
+    closing_yaw: Float[Array, "*prefixes objects"]
+    """Yaw of the closing axis where an object is held [rad]."""
 
-    return KeyframeBeam(
-        kind=np.full(N, FIXED, np.int32), face_yaw=zeros(N), parameters=zeros(B, N, PARAMETERS), violation=zeros(B),
-        q=zeros(B, k_max, 14), m=zeros(B, k_max, PARAMETERS),
-    )  # fmt: skip
+    parameters: Float[Array, "*prefixes candidates objects 4"]
+    """Mode parameters that each object is attached by."""
 
+    violation: Float[Array, "*prefixes candidates"]
+    """Sum of penetrations over the prefix's switches [m]."""
 
-def held_prefix(problem: Problem, k_max: int, seed: int) -> KeyframeBeam:
-    """KeyframeBeam of a grasp that may be any within its bounds (`transcribe_switch`), without the batch axis."""
-    empty, item = empty_prefix(len(problem.half), k_max), problem.switched_object[0]
-    largest = np.array(LARGEST_GRASP)
-    limits = np.clip((problem.lower[0], problem.upper[0]), -largest, largest)
-    # Each parameter's range is divided evenly among the particles.
-    generator = np.random.default_rng([seed, BEAM_WIDTH])
-    rank = generator.permuted(np.tile(np.arange(BEAM_WIDTH), (PARAMETERS, 1)), axis=1)
-    share = (rank + generator.random(rank.shape)) / BEAM_WIDTH
-    grasps = (limits[0] + (limits[1] - limits[0]) * share.T).astype(np.float32)
-    empty.face_yaw[item] = problem.face_yaw[0]
-    empty.parameters[:, item] = empty.m[:, 0] = grasps
-    empty.q[:, 0] = problem.home
-    return empty._replace(kind=problem.attachment[1].astype(np.int32))
+    q: Float[Array, "*prefixes candidates switches joints"]
+    """Joint angles at the switches so far [rad]."""
 
-
-@Program
-def _reach(arm: Array, R: Rotation, p: Vector, u: Array, home: Array) -> tuple[Array, Array]:
-    """Best inverse kinematics for gripper poses (M, B, J): angles (M, B, J, 7) and a cost, `UNREACHABLE` or more where
-    there is none.
-
-    The best lies nearest to the home posture, which keeps clear of joint limits and leaves the elbow up."""
-    shape, n = p.shape[1:], LAST_JOINT_SAMPLES
-    low, high = (float(limit) for limit in load_arm().joint_limits[:, 6])
-    q7 = low + (high - low) * (jnp.arange(n, dtype=u.dtype)[:, None, None, None] + u[:, None]) / n
-
-    def flat(x: Array) -> Array:
-        """(..., M, B, J) to (..., n M B J)."""
-        leading = x.shape[:-3]
-        x = jnp.broadcast_to(x[..., None, :, :, :], (*leading, n, *shape))
-        return x.reshape(*leading, -1)
-
-    arms = jnp.broadcast_to(arm[:, None, None], shape)
-    q, failure = arm_angles(flat(arms), flat(R), flat(p), jnp.broadcast_to(q7, (n, *shape)).reshape(-1))
-    q, failure = q.reshape(7, BRANCHES * n, *shape), failure.reshape(BRANCHES * n, *shape)
-    near = jnp.take_along_axis(home.reshape(-1, 2, 7), arm[:, None, None], axis=1)[:, 0].T[:, None, :, None, None]
-    # Multiplied before and added in order, lest the compiler round otherwise with another number of lanes.
-    far = sum(materialize(tuple((q - near) ** 2)))
-    cost = materialize(jnp.where(failure == 0, 0.01 * far, UNREACHABLE + failure))
-    best = jnp.argmin(cost, axis=0)
-    q = jnp.take_along_axis(q, best[None, None], axis=1)[:, 0]
-    return jnp.moveaxis(q, 0, -1), cost.min(0)
+    m: Float[Array, "*prefixes candidates switches 4"]
+    """Mode parameters of the actions so far."""
 
 
 class _BeamCandidates(NamedTuple):
     """The E most promising proposals of each of M prefixes."""
 
-    q: Array
-    """(M, E, 14)."""
-    m: Array
-    """(M, E, 4)."""
-    parent: Array
-    """(M, E) int: the particle that each extends."""
-    cost: Array
-    """(M, E) of inverse kinematics."""
-    overhang: Array
-    """(M, E) [m]."""
+    q: Float[Array, "prefixes chosen joints"]
+    m: Float[Array, "prefixes chosen 4"]
+    origin: Int[Array, "prefixes chosen"]
+    """The candidate that each extends."""
+
+    cost: Float[Array, "prefixes chosen"]
+    """Of inverse kinematics."""
+
+    overhang: Float[Array, "prefixes chosen"]
+    """By how much a placed object sticks out [m]."""
+
+
+class _Reached(NamedTuple):
+    """Postures of one arm for all proposals."""
+
+    q: Float[Array, "prefixes candidates proposals joints"]
+    cost: Float[Array, "prefixes candidates proposals"]
+    """`UNREACHABLE` or more where there is no posture."""
+
+
+def empty_beam(number_of_objects: int, k_max: int, number_of_joints: int) -> KeyframeBeam:
+    """The beam of the empty prefix.
+
+    Args:
+        number_of_objects: Number N of objects of the scene.
+        k_max: Largest number of actions.
+        number_of_joints: Number D of joints of all arms.
+    """
+
+    def zeros(*shape: int) -> np.ndarray:
+        return np.zeros(shape, np.float32)
+
+    return KeyframeBeam(
+        kind=np.full(number_of_objects, ModeKind.FIXED, np.int32),
+        parent=np.zeros(number_of_objects, np.int32),
+        closing_yaw=zeros(number_of_objects),
+        parameters=zeros(BEAM_WIDTH, number_of_objects, PARAMETERS),
+        violation=zeros(BEAM_WIDTH),
+        q=zeros(BEAM_WIDTH, k_max, number_of_joints),
+        m=zeros(BEAM_WIDTH, k_max, PARAMETERS),
+    )
+
+
+def held_beam(problem: Problem, k_max: int, seed: int) -> KeyframeBeam:
+    """The beam of a grasp that may be any within its bounds.
+
+    Args:
+        problem: The NLP of a switch alone (`dvr_jax.nlp.transcription.transcribe_switch`).
+        k_max: Largest number of actions.
+        seed: Of the sample.
+    """
+    beam = empty_beam(len(problem.prism), k_max, len(problem.home))
+    item = problem.switched_object[0]
+    largest = np.array(LARGEST_GRASP)
+    low, high = np.clip((problem.parameter_lower[0], problem.parameter_upper[0]), -largest, largest)
+
+    # Each parameter's range is divided evenly among the candidates.
+    generator = np.random.default_rng([seed, BEAM_WIDTH])
+    rank = generator.permuted(np.tile(np.arange(BEAM_WIDTH), (PARAMETERS, 1)), axis=1)
+    fraction = (rank + generator.random(rank.shape)) / BEAM_WIDTH
+    grasps = (low + (high - low) * fraction.T).astype(np.float32)
+
+    beam.closing_yaw[item] = problem.closing_yaw[0]
+    beam.parameters[:, item] = grasps
+    beam.m[:, 0] = grasps
+    beam.q[:, 0] = problem.home
+    return beam._replace(
+        kind=np.asarray(problem.mode_kind[1]).astype(np.int32),
+        parent=np.asarray(problem.mode_parent[1]).astype(np.int32),
+    )
+
+
+def random_shape(model: WorkcellModel) -> tuple[int, int, int]:
+    """Shape of the uniform numbers that one extension takes: for the proposals, then for the free joints of two arms."""
+    free = len(model.structure.inverse_kinematics.free_joints)
+    return (UNIFORM_NUMBERS + 2 * FREE_ANGLE_SAMPLES * free, BEAM_WIDTH, PROPOSALS)
+
+
+def extend_beam(
+    model: WorkcellModel,
+    beam: KeyframeBeam,
+    step: BeamStep,
+    uniform: Float[np.ndarray, "numbers candidates proposals"],
+    proposal: Proposal,
+) -> KeyframeBeam:
+    """Extend the beams of M prefixes by one action.
+
+    Args:
+        model: Arms of the workcell.
+        beam: Beams of the prefixes without the action.
+        step: The action of each prefix.
+        uniform: Uniform numbers in [0, 1) (`random_shape`).
+        proposal: How the actions are sampled, the same way for all of them.
+    """
+    prefixes = np.arange(len(step.item))
+    before = ObjectBefore(
+        beam.kind[prefixes, step.item],
+        beam.closing_yaw[prefixes, step.item],
+        beam.parameters[prefixes, :, step.item],
+    )
+    proposed = proposal.propose(step, before, uniform[:UNIFORM_NUMBERS])
+
+    # The acting arm comes first; in a handover the giving one follows.
+    numbers = np.split(uniform[UNIFORM_NUMBERS:], 2)
+    arms = (step.acting_arm, step.giving_arm)[: len(proposed.position)]
+    reached = [
+        _reach(model, step, arm, R, p, u)
+        for arm, R, p, u in zip(arms, proposed.rotation, proposed.position, numbers, strict=False)
+    ]
+    candidates = _choose(model, beam, step, proposed, tuple(reached))
+    penetration = _penetration(model, beam, step, candidates)
+    return _select(beam, step, candidates, penetration)
+
+
+@Program
+def _reach(model: WorkcellModel, step: BeamStep, arm: Array, R: Rotation, p: Vector, u: Array) -> _Reached:
+    """Best inverse kinematics of one arm for gripper poses with batch axes (M, B, J).
+
+    The best lies nearest to the home posture, which keeps clear of joint limits and leaves the elbow up.
+    """
+    kinematics = model.structure.inverse_kinematics
+    shape = p.shape[1:]
+    free = _sample_free_angles(model, u, shape)
+    number = free.shape[1]
+
+    # Gripper poses in the frame of the arm's base, repeated for every sample of the free angles.
+    base_R = of_arm(step.base_rotation, arm).transpose(2, 1, 0)[..., None, None]
+    base_p = of_arm(step.base_position, arm).T[..., None, None]
+    local_R = compose(transpose(base_R), R)
+    local_p = rotate_back(base_R, p - base_p)
+
+    def flat(value: Array) -> Array:
+        """(..., M, B, J) to (..., n M B J)."""
+        leading = value.shape[:-3]
+        repeated = jnp.broadcast_to(value[..., None, :, :, :], (*leading, number, *shape))
+        return repeated.reshape(*leading, -1)
+
+    local_R, local_p = materialize((flat(local_R), flat(local_p)))
+    q, failure = kinematics.solve(model, local_R, local_p, free.reshape(len(free), -1))
+    q = q.reshape(len(q), kinematics.branches * number, *shape)
+    failure = failure.reshape(kinematics.branches * number, *shape)
+
+    # Multiplied before and added in order, lest the compiler round otherwise with another number of lanes.
+    home = of_arm(step.home.reshape(len(step.home), -1, len(q)), arm).T[:, None, :, None, None]
+    squares = materialize(tuple((q - home) ** 2))
+    distance = sum(squares)
+    cost = materialize(jnp.where(failure == 0, HOME_DISTANCE_WEIGHT * distance, UNREACHABLE + failure))
+    best = jnp.argmin(cost, axis=0)
+    q = jnp.take_along_axis(q, best[None, None], axis=1)[:, 0]
+    return _Reached(jnp.moveaxis(q, 0, -1), cost.min(0))
+
+
+def _sample_free_angles(model: WorkcellModel, u: Array, shape: tuple[int, ...]) -> Float[Array, "free n *shape"]:
+    """Angles of the free joints: each joint's range is divided evenly among the samples [rad]."""
+    free_joints = model.structure.inverse_kinematics.free_joints
+    if not free_joints:
+        return jnp.zeros((0, 1, *shape), u.dtype)
+    n = FREE_ANGLE_SAMPLES
+    low, high = jnp.asarray(model.joint_limits, u.dtype)[:, jnp.asarray(free_joints)]
+    numbers = u.reshape(len(free_joints), n, 1, *u.shape[1:])
+    fraction = (jnp.arange(n, dtype=u.dtype)[:, None, None, None] + numbers) / n
+    angles = low[:, None, None, None, None] + (high - low)[:, None, None, None, None] * fraction
+    return jnp.broadcast_to(angles, (len(free_joints), n, *shape))
 
 
 @Program
 def _choose(
-    particles: KeyframeBeam, step: BeamStep, m: Array, overhang: Array, q: Array, cost: Array, q_other: Array | None
+    model: WorkcellModel,
+    beam: KeyframeBeam,
+    step: BeamStep,
+    proposed: ProposedPoses,
+    reached: tuple[_Reached, ...],
 ) -> _BeamCandidates:
     """Proposals whose distances are worth computing: the best by inverse kinematics."""
+    overhang = proposed.overhang
     M, B, J = overhang.shape
-    total = cost + overhang + particles.violation[:, :, None]
+    cost = reached[0].cost
+    for other in reached[1:]:
+        cost = cost + other.cost
+    total = cost + overhang + beam.violation[:, :, None]
     _, chosen = jax.lax.top_k(-total.reshape(M, B * J), EVALUATED)
 
-    def gather(x: Array) -> Array:
-        return jnp.take_along_axis(x.reshape(M, B * J, -1), chosen[..., None], axis=1)
+    def gather(value: Array) -> Array:
+        return jnp.take_along_axis(value.reshape(M, B * J, -1), chosen[..., None], axis=1)
 
-    acting = gather(q)
-    if q_other is None:
-        rest = jnp.take_along_axis(step.home.reshape(M, 2, 7), 1 - step.arm[:, None, None], axis=1)
-        tucked = (chosen % J % 2 == 1)[..., None]
-        other = jnp.where(tucked, jnp.asarray(TUCKED, q.dtype), rest)
-    else:
-        other = gather(q_other)
-    left = (step.arm == 0)[:, None, None]
+    # Arms that take no part rest at home or, in every other proposal, tucked away.
+    arms = model.structure.number_of_arms
+    home = step.home.reshape(M, 1, arms, -1)
+    tucked = jnp.asarray(model.tucked, home.dtype)
+    is_tucked = (chosen % J % 2 == 1)[..., None, None]
+    postures = jnp.where(is_tucked, tucked, home)
+    for arm, posture in zip((step.acting_arm, step.giving_arm), reached, strict=False):
+        is_own = (jnp.arange(arms) == arm[:, None])[:, None, :, None]
+        postures = jnp.where(is_own, gather(posture.q)[:, :, None], postures)
+
     return _BeamCandidates(
-        jnp.concatenate([jnp.where(left, acting, other), jnp.where(left, other, acting)], axis=-1),
-        gather(jnp.moveaxis(m, 0, -1)),
-        chosen // J,
-        gather(cost)[..., 0],
-        gather(overhang)[..., 0],
+        q=postures.reshape(M, EVALUATED, -1),
+        m=gather(jnp.moveaxis(proposed.m, 0, -1)),
+        origin=chosen // J,
+        cost=gather(cost)[..., 0],
+        overhang=gather(overhang)[..., 0],
     )
 
 
 @Program
-def _penetration(particles: KeyframeBeam, step: BeamStep, candidates: _BeamCandidates) -> Array:
-    """Sum of penetrations (M, E) [m] at the switch slice."""
-    M, E = candidates.parent.shape
-    N, L = particles.kind.shape[1], M * E
-    angles = jnp.moveaxis(candidates.q.reshape(L, 2, 7), (0, 1, 2), (2, 1, 0))
-    parameters = jnp.take_along_axis(particles.parameters, candidates.parent[..., None, None], axis=1)
+def _penetration(
+    model: WorkcellModel, beam: KeyframeBeam, step: BeamStep, candidates: _BeamCandidates
+) -> Float[Array, "prefixes chosen"]:
+    """Sum of penetrations at the switch slice [m]."""
+    M, E = candidates.origin.shape
+    N = beam.kind.shape[1]
+    arms = model.structure.number_of_arms
+    parameters = jnp.take_along_axis(beam.parameters, candidates.origin[..., None, None], axis=1)
 
     def each(value: Array) -> Array:
-        """(M, N) to (N, L)."""
-        return jnp.repeat(value, E, axis=0).T
+        """(M, ...) to (..., M E)."""
+        return jnp.moveaxis(jnp.repeat(value, E, axis=0), 0, -1)
 
     attached = Attachment(
-        kind=each(particles.kind),
-        parameters=parameters.reshape(L, N, PARAMETERS).transpose(2, 1, 0),
-        face_yaw=each(particles.face_yaw),
-        initial=jnp.stack([each(step.initial_pose[..., i]) for i in range(4)]),
-        half_height=each(step.half[..., 2]),
+        kind=each(beam.kind),
+        parent=each(beam.parent),
+        parameters=parameters.reshape(M * E, N, PARAMETERS).transpose(2, 1, 0),
+        closing_yaw=each(beam.closing_yaw),
+        initial_pose=jnp.swapaxes(each(step.initial_pose), 0, 1),
+        half_height=each(step.prism[..., 2]),
     )
-    half = jnp.stack([each(step.half[..., i]) for i in range(4)])
-    distance = measure(materialize(Slices(angles, each(step.opening), attached, half))).distance
+    fixed = jnp.swapaxes(each(step.fixed_pose), 0, 1)
+    slices = Slices(
+        q=candidates.q.reshape(M * E, arms, -1).transpose(2, 1, 0),
+        finger_opening=each(step.finger_opening),
+        bases=BasePoses(
+            rotation=each(step.base_rotation.transpose(0, 3, 2, 1)),
+            position=each(step.base_position.transpose(0, 2, 1)),
+        ),
+        attached=attached,
+        prism=jnp.swapaxes(each(step.prism), 0, 1),
+        fixed=Bodies(
+            rotation_about_z(jnp.cos(fixed[3]), jnp.sin(fixed[3])),
+            fixed[:3],
+            jnp.swapaxes(each(step.fixed_prism), 0, 1),
+        ),
+    )
+    distance = measure(model, materialize(slices)).distance
     return jnp.maximum(-distance, 0).sum(1).reshape(M, E)
 
 
 @Program
-def _select(particles: KeyframeBeam, step: BeamStep, candidates: _BeamCandidates, penetration: Array) -> KeyframeBeam:
-    """The best candidates, with a share for every parent: the k-th best child of one parent waits behind others."""
-    M, N = particles.kind.shape
-    B = BEAM_WIDTH
-    cost, parent = candidates.cost, candidates.parent
-    violation = jnp.where(cost >= UNREACHABLE, cost, penetration + candidates.overhang)
-    violation += jnp.take_along_axis(particles.violation, parent, axis=1)
+def _select(
+    beam: KeyframeBeam, step: BeamStep, candidates: _BeamCandidates, penetration: Float[Array, "prefixes chosen"]
+) -> KeyframeBeam:
+    """The best candidates; the k-th best child of one parent waits behind children of others."""
+    M, N = beam.kind.shape
+    origin = candidates.origin
+    is_unreachable = candidates.cost >= UNREACHABLE
+    violation = jnp.where(is_unreachable, candidates.cost, penetration + candidates.overhang)
+    violation += jnp.take_along_axis(beam.violation, origin, axis=1)
+
     # Rank among the children of the same parent.
-    before = (violation[:, :, None] > violation[:, None, :]) & (parent[:, :, None] == parent[:, None, :])
-    _, best = jax.lax.top_k(-(violation + step.share[:, None] * before.sum(2)), B)
-    parent = jnp.take_along_axis(parent, best, axis=1)
+    is_worse = violation[:, :, None] > violation[:, None, :]
+    is_sibling = origin[:, :, None] == origin[:, None, :]
+    rank = (is_worse & is_sibling).sum(2)
+    _, best = jax.lax.top_k(-(violation + step.sibling_penalty[:, None] * rank), BEAM_WIDTH)
+    origin = jnp.take_along_axis(origin, best, axis=1)
 
-    def from_parent(x: Array) -> Array:
-        return jnp.take_along_axis(x, parent.reshape(M, B, *(1,) * (x.ndim - 2)), axis=1)
+    def from_parent(value: Array) -> Array:
+        index = origin.reshape(M, BEAM_WIDTH, *(1,) * (value.ndim - 2))
+        return jnp.take_along_axis(value, index, axis=1)
 
-    q_new = jnp.take_along_axis(candidates.q, best[..., None], axis=1)
-    m_new = jnp.take_along_axis(candidates.m, best[..., None], axis=1)
-    depth = jnp.arange(particles.q.shape[2])[None, None, :, None] == step.depth[:, None, None, None]
-    item = jnp.arange(N)[None] == step.item[:, None]
+    q = jnp.take_along_axis(candidates.q, best[..., None], axis=1)
+    m = jnp.take_along_axis(candidates.m, best[..., None], axis=1)
+    is_new = jnp.arange(beam.q.shape[2])[None, None, :, None] == step.depth[:, None, None, None]
+    is_item = jnp.arange(N)[None] == step.item[:, None]
     return KeyframeBeam(
-        kind=jnp.where(item, step.new_kind[:, None], particles.kind),
-        face_yaw=jnp.where(item, step.face_yaw[:, None], particles.face_yaw),
-        parameters=jnp.where(item[:, None, :, None], m_new[:, :, None], from_parent(particles.parameters)),
+        kind=jnp.where(is_item, step.kind_after[:, None], beam.kind),
+        parent=jnp.where(is_item, step.parent_after[:, None], beam.parent),
+        closing_yaw=jnp.where(is_item, step.closing_yaw[:, None], beam.closing_yaw),
+        parameters=jnp.where(is_item[:, None, :, None], m[:, :, None], from_parent(beam.parameters)),
         violation=jnp.take_along_axis(violation, best, axis=1),
-        q=jnp.where(depth, q_new[:, :, None], from_parent(particles.q)),
-        m=jnp.where(depth, m_new[:, :, None], from_parent(particles.m)),
+        q=jnp.where(is_new, q[:, :, None], from_parent(beam.q)),
+        m=jnp.where(is_new, m[:, :, None], from_parent(beam.m)),
     )
-
-
-def extend(particles: KeyframeBeam, step: BeamStep, u: np.ndarray, case: str) -> KeyframeBeam:
-    """KeyframeBeam of M prefixes, each one action longer.
-
-    Args:
-        u: uniform numbers (`RANDOM_SHAPE`).
-        case: "grasp", "handover" or "place", for all of them.
-    """
-    lanes = np.arange(len(step.item))
-    holding = Holding(
-        particles.kind[lanes, step.item],
-        particles.face_yaw[lanes, step.item],
-        particles.parameters[lanes, :, step.item],
-    )
-    proposed = PROPOSE[case](step, holding, u[:NUMBERS])
-    ranges = np.split(u[NUMBERS:], 2)
-    reached = [
-        _reach(arm, R, p, u_arm, step.home)
-        for arm, R, p, u_arm in zip((step.arm, 1 - step.arm), proposed.R, proposed.p, ranges, strict=False)
-    ]
-    q, cost = reached[0]
-    q_other = None
-    if len(reached) > 1:
-        q_other, cost_other = reached[1]
-        cost = cost + cost_other
-    candidates = _choose(particles, step, proposed.m, proposed.overhang, q, cost, q_other)
-    return _select(particles, step, candidates, _penetration(particles, step, candidates))
-
-
-def case_of(kind_before: int, is_grasp: bool) -> str:
-    """Which proposals an action takes: "grasp", "handover" or "place"."""
-    if not is_grasp:
-        return "place"
-    return "handover" if kind_before >= HELD_LEFT else "grasp"

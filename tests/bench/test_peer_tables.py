@@ -4,7 +4,8 @@ from typing import Any
 
 import pytest
 
-from dvr_jax.bench.peer_tables import COMPARISONS, print_tables
+from dvr_jax.bench.peer_statistics import COMPARISONS
+from dvr_jax.bench.peer_tables import FINER, print_tables
 
 
 def side(feasible: bool, seconds: float, passed: bool = False, **measure: float) -> dict[str, Any]:
@@ -28,7 +29,7 @@ def test_medians_are_of_problems_on_which_both_agree(capsys: pytest.CaptureFixtu
     ]
     print_tables(rows)
     tables = capsys.readouterr().out.split("\n\n")[1:]
-    assert [table.splitlines()[0] for table in tables] == list(COMPARISONS)
+    assert [table.splitlines()[0] for table in tables] == [comparison.title for comparison in COMPARISONS]
     last = [table.splitlines()[-1].split() for table in tables]
     assert all(line[0] == "all" for line in last)
     cells = [[cell.split() for cell in " ".join(line[1:]).split("|")] for line in last]
@@ -38,3 +39,7 @@ def test_medians_are_of_problems_on_which_both_agree(capsys: pytest.CaptureFixtu
     assert cells[1][3:] == [["1", "0", "of", "1"], ["0", "of", "1"], ["0", "of", "1"]]
     assert cells[2][1] == ["20", "200", "10.0"] and cells[2][4] == ["1", "of", "1"]
     assert cells[3][:2] == [["1", "0", "1", "0", "0"], ["-", "-", "-"]]
+
+
+def test_the_title_of_finer_paths_names_how_fine_they_are() -> None:
+    assert f"of {FINER} times the slices" in COMPARISONS[-1].title

@@ -6,17 +6,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from dvr_jax.bench.peers import PeersOptions, draw_sequence, judge_point, run
-from dvr_jax.bench.rai import (
-    build_keyframes,
-    build_path,
-    build_peer_scene,
-    gripper_frame,
-    load_robotic,
-    object_frame,
-    solve_peer,
-    to_variables,
-)
+from dvr_jax.bench.peer_judging import judge_point
+from dvr_jax.bench.peers import PeersOptions, draw_sequence, run
+from dvr_jax.bench.rai import build_keyframes, build_path, solve_peer, to_variables
+from dvr_jax.bench.rai_scene import build_peer_scene, gripper_frame, load_robotic, object_frame
 from dvr_jax.bench.recall import judge_prefix
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import Action, ground_actions

@@ -7,6 +7,7 @@ import pytest
 from PIL import Image
 
 from dvr_jax.bench import search
+from dvr_jax.bench.scene_result import SceneResult
 from dvr_jax.bench.scenes import ScenesOptions
 from dvr_jax.errors import DvrError
 
@@ -19,6 +20,9 @@ def row(scene: int, length: int, total: float, leaf: int = 1, path: int = 1, tri
         "seconds": {"image": 0.1 * total, "network": 0.05 * total, "total": total},
         "nlps": {"path": path, "sequence": 2 * leaf, "pose": 1},
         "verdicts": {"leaf": leaf, "path": tried},
+        "status": "solved" if length else "tree exhausted",
+        "rejected": 0,
+        "passed": length > 0,
     }
 
 
@@ -34,11 +38,11 @@ def printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capt
     """The output of the comparison of `ROWS`."""
     seen: list[ScenesOptions] = []
 
-    def results(options: ScenesOptions) -> list[dict[str, Any]]:
+    def plan_scenes(options: ScenesOptions) -> list[SceneResult]:
         seen.append(options)
-        return ROWS[options.search]
+        return [SceneResult.from_row(row) for row in ROWS[options.search]]
 
-    monkeypatch.setattr(search, "results", results)
+    monkeypatch.setattr(search, "plan_scenes", plan_scenes)
     assert search.run(["--out", str(tmp_path), "--searches", "dvr", "mbts", "--number", "4", "--seed", "7"]) == 0
     assert [(options.number, options.seed, options.out) for options in seen] == [
         (4, 7, tmp_path / f"{name}.jsonl") for name in ("dvr", "mbts")

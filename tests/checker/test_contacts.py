@@ -7,34 +7,36 @@ import mujoco
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from wrong_motions import Case
+from puppet import Case, layout_of
 
-from dvr_jax.checker import contacts
-from dvr_jax.checker.contacts import LARGEST_TURN, STEP_LENGTH, contacts_of, dense_states, find_contacts
-from dvr_jax.motion.motion import make_motion
-from dvr_jax.scene.files import Goal, Region, Scene, SceneObject, make_scene
-from dvr_jax.scene.mjcf import COLLISION_GROUP, SOLID_GROUP, build_model, home_qpos, qpos_layout
+from dvr_jax.checker import motion_contacts
+from dvr_jax.checker.contacts import Contacts, contacts_of
+from dvr_jax.checker.dense_states import LARGEST_TURN, dense_states
+from dvr_jax.checker.motion_contacts import STEP_LENGTH, GeomPoses, find_contacts
+from dvr_jax.motion import make_motion
+from dvr_jax.scene.mjcf import COLLISION_GROUP, SOLID_GROUP, build_model, home_qpos
+from dvr_jax.scene.types import OnRegion, Region, Scene, SceneObject
 
 Floats = NDArray[np.float64]
 
 
 def crowded_scene() -> Scene:
     """Two boxes and two cylinders."""
-    return make_scene(
-        [
+    return Scene(
+        (
             SceneObject("brick", "box", (0.05, 0.08, 0.10), (-0.20, 0.20), 0.3),
             SceneObject("wall", "box", (0.30, 0.02, 0.20), (0.0, 0.0), 0.0),
             SceneObject("can", "cylinder", (0.03, 0.12), (0.25, 0.25), 0.0),
             SceneObject("disc", "cylinder", (0.06, 0.03), (0.25, -0.25), 0.0),
-        ],
-        Goal("brick", Region((-0.15, -0.30), 0.2, (0.14, 0.14))),
+        ),
+        OnRegion("brick", Region((-0.15, -0.30), 0.2, (0.14, 0.14))),
     )
 
 
 def crowded_states(number: int, seed: int) -> Floats:
     """Random postures; the objects are in a heap somewhere before the left arm, the first one at its hand."""
     generator = np.random.default_rng(seed)
-    scene, layout = crowded_scene(), qpos_layout(4)
+    scene, layout = crowded_scene(), layout_of(4)
     model = build_model(scene)
     data = mujoco.MjData(model)
     states = np.tile(home_qpos(scene), (number, 1))
@@ -103,15 +105,15 @@ def test_what_penetrates_between_two_samples_is_found(turn: float) -> None:
     """Against many states in between: less deep by half of `STEP_LENGTH` at most."""
     generator = np.random.default_rng(1)
     model = copy.copy(build_model(crowded_scene()))
-    layout = qpos_layout(4)
+    layout = layout_of(4)
     hits = 0
     for start in crowded_states(50, 1):
         end = start.copy()
         end[layout.arm_joints] += generator.uniform(-turn, turn, (2, 7))
         for columns in layout.objects[1:]:
             end[columns[:3]] += generator.uniform(-turn, turn, 3) / 3
-        states, _ = dense_states(make_motion([0.0, 0.1], [start, end], [1]))
-        found = find_contacts(model, states, *geom_poses(model, states))
+        states, _ = dense_states(model, make_motion([0.0, 0.1], [start, end], [1]))
+        found = find_contacts(model, states, geom_poses(model, states))
         deepest: dict[tuple[int, ...], float] = {}
         for distance, geoms in zip(found.distance, found.geoms, strict=True):
             key = tuple(sorted(geoms.tolist()))
@@ -122,15 +124,15 @@ def test_what_penetrates_between_two_samples_is_found(turn: float) -> None:
             for pair, distance in distances(model, start + share * (end - start), 0.0).items():
                 truth[pair] = min(distance, truth.get(pair, np.inf))
         for pair, distance in truth.items():
-            # Depths of more than some centimetres are those of a local minimum.
+            # Depths of more than some centimeters are those of a local minimum.
             if -0.02 < distance < -STEP_LENGTH:
                 hits += distance < min(ends[pair] for ends in at_ends) - STEP_LENGTH / 2
                 assert deepest[pair] < distance + STEP_LENGTH / 2 + 2e-4, (pair, distance)
     assert hits > 8 or turn < 0.1
 
 
-def geom_poses(model: mujoco.MjModel, states: Floats) -> tuple[Floats, Floats]:
-    """Positions (S, G, 3) and rotations (S, G, 3, 3) of all geoms."""
+def geom_poses(model: mujoco.MjModel, states: Floats) -> GeomPoses:
+    """Positions and rotations of all geoms."""
     data = mujoco.MjData(model)
     poses = []
     for qpos in states:
@@ -138,28 +140,28 @@ def geom_poses(model: mujoco.MjModel, states: Floats) -> tuple[Floats, Floats]:
         mujoco.mj_kinematics(model, data)
         poses.append((data.geom_xpos.copy(), data.geom_xmat.reshape(-1, 3, 3).copy()))
     positions, rotations = zip(*poses, strict=True)
-    return np.array(positions), np.array(rotations)
+    return GeomPoses(np.array(positions), np.array(rotations))
 
 
 def test_what_moves_together_is_not_looked_at_in_between(carry: Case, monkeypatch: pytest.MonkeyPatch) -> None:
     """The arm's links and what it carries, twice as fast."""
     looked: list[int] = []
 
-    def count(model: mujoco.MjModel, states: Floats, margins: Floats) -> contacts.Contacts:
+    def count(model: mujoco.MjModel, states: Floats, margins: Floats) -> Contacts:
         looked.append(len(states))
         return contacts_of(model, states, margins)
 
-    monkeypatch.setattr(contacts, "contacts_of", count)
+    monkeypatch.setattr(motion_contacts, "contacts_of", count)
     grasp, place = carry.motion.switch
     states = carry.motion.qpos[grasp + 20 : place - 20 : 2]
     model = copy.copy(build_model(carry.scene))
-    find_contacts(model, states, *geom_poses(model, states))
+    find_contacts(model, states, geom_poses(model, states))
     assert looked[0] == len(states) and looked[1] < 10
 
 
 def test_large_turns_are_divided(carry: Case) -> None:
     qpos = carry.motion.qpos[[0, 0, 0]].copy()
     qpos[1:, 0] += [0.1, 0.1 + 4.5 * LARGEST_TURN]
-    states, sample = dense_states(make_motion([0.0, 1.0, 2.0], qpos, [1]))
+    states, sample = dense_states(build_model(carry.scene), make_motion([0.0, 1.0, 2.0], qpos, [1]))
     assert sample.tolist() == [0, 1, 2, 2, 2, 2, 2]
     np.testing.assert_allclose(np.diff(states[:, 0]), [0.1, *[0.9 * LARGEST_TURN] * 5])

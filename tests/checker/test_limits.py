@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from puppet import Case, layout_of
 from scipy.spatial.transform import Rotation
-from wrong_motions import Case, changed, with_object
+from wrong_motions import changed, with_object
 
-from dvr_jax.checker.replay import check_motion
+from dvr_jax.checker import check_motion
 from dvr_jax.logic import Action
-from dvr_jax.motion.motion import Motion
-from dvr_jax.scene.mjcf import qpos_layout
+from dvr_jax.motion import Motion
 
 Floats = NDArray[np.float64]
 
@@ -24,12 +24,13 @@ SPEED = [2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61]
 ACCELERATION = [15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0]
 FINGER_SPEED, FINGER_OPEN = 0.05, 0.04
 
-ONE, TWO = qpos_layout(1), qpos_layout(2)
+ONE = layout_of(1)
+TWO = layout_of(2)
 FIRST, CAN = TWO.objects
 """States of what is carried and of what stands by, in the cases that carry."""
 
 HAND = np.array([-0.20, 0.20, 0.065])
-"""Where the gripper's centre grasps."""
+"""Where the gripper center grasps."""
 CLOSING = np.array([np.cos(0.3), np.sin(0.3), 0.0])
 """Its closing axis there."""
 
@@ -192,8 +193,8 @@ PROBES |= {
 }  # fmt: skip
 
 
-def centre_at(direction: Floats, half: float) -> Callable[[Case, float], Case]:
-    """The object at the grasp so that the gripper's centre is beyond its side, in the object's frame."""
+def center_at(direction: Floats, half: float) -> Callable[[Case, float], Case]:
+    """The object at the grasp so that the gripper center is beyond its side, in the object's frame."""
 
     def change(case: Case, factor: float) -> Case:
         def put(qpos: Floats) -> None:
@@ -215,10 +216,10 @@ def beside_axis(case: Case, factor: float) -> Case:
 
 for sign in (1, -1):
     for axis, half in enumerate((0.025, 0.04, 0.05)):
-        PROBES[f"centre {axis} {sign}"] = ("carry", "gripper centre", BY_LEFT, centre_at(sign * np.eye(3)[axis], half))
+        PROBES[f"center {axis} {sign}"] = ("carry", "gripper center", BY_LEFT, center_at(sign * np.eye(3)[axis], half))
     for what, direction, half in (("radius", np.array([0.6, 0.8, 0.0]), 0.03), ("height", Z, 0.05)):
-        probe = centre_at(sign * direction, half)
-        PROBES[f"centre of a can, {what} {sign}"] = ("carry_cylinder", "gripper centre", ("object/tin", "left"), probe)
+        probe = center_at(sign * direction, half)
+        PROBES[f"center of a can, {what} {sign}"] = ("carry_cylinder", "gripper center", ("object/tin", "left"), probe)
 PROBES["closing offset"] = ("carry_cylinder", "closing offset", ("object/tin", "left"), beside_axis)
 
 

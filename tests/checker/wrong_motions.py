@@ -5,14 +5,12 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from puppet import Case, layout_of
 
 from dvr_jax.logic import Action
-from dvr_jax.motion.motion import Motion
-from dvr_jax.scene.mjcf import qpos_layout
+from dvr_jax.motion import Motion
 
-Case = Any  # of conftest, which tests cannot import by name
-
-LAYOUT = qpos_layout(2)
+LAYOUT = layout_of(2)
 YELLOW, CAN = LAYOUT.objects
 RIGHT_JOINT_7 = LAYOUT.arm_joints[1, 6]
 
@@ -248,7 +246,7 @@ CASES: list[tuple[Callable[[Case], Case], set[tuple[str, tuple[str, ...]]]]] = [
     (
         grasped_outside,
         {
-            ("gripper centre", BY_LEFT),
+            ("gripper center", BY_LEFT),
             ("switch shift", YELLOW_NAME),
             ("object speed", YELLOW_NAME),
             ("slip shift", BY_LEFT),

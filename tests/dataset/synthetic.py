@@ -5,7 +5,7 @@ import random
 from collections import deque
 
 from dvr_jax.dataset.labels import Label
-from dvr_jax.dataset.symbols import sequence_index
+from dvr_jax.dataset.sequence_index import sequence_index_of
 from dvr_jax.scene.sampling import sample_scenes
 from dvr_jax.scene.types import Scene
 
@@ -13,8 +13,8 @@ OPTIONS = {"seed": 1, "objects": 2, "k_max": 6, "solutions": 4}
 
 
 def sweep_scene(scene: Scene, index: int, rows: int = 100, k_max: int = 6, seed: int = 0) -> list[Label]:
-    symbols = sequence_index(scene)
-    grounding, generator = symbols.grounding, random.Random(f"sweep {seed} {index}")
+    sequences = sequence_index_of(scene)
+    grounding, generator = sequences.grounding, random.Random(f"sweep {seed} {index}")
     labels: list[Label] = []
     queue: deque[tuple[tuple[int, ...], int]] = deque([((), grounding.initial_state)])
     while queue:

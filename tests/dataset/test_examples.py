@@ -17,9 +17,9 @@ from synthetic import OPTIONS, synthetic
 from dvr_jax.cli import train
 from dvr_jax.dataset import Examples, Label, count_targets, load_examples, read_shard, targets, write_manifest
 from dvr_jax.dataset import write_shard as write
-from dvr_jax.dataset.manifest import count_infeasible_sequences
+from dvr_jax.dataset.counts import count_infeasible_sequences
+from dvr_jax.dataset.sequence_index import sequence_index_of
 from dvr_jax.dataset.shards import list_shards
-from dvr_jax.dataset.symbols import sequence_index
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import Grounding, enumerate_sequences, ground_actions
 from dvr_jax.model.predictor import Predictor
@@ -90,13 +90,13 @@ def test_all_reach_the_goal(examples: Examples) -> None:
 def test_each_prefix_contributes(examples: Examples, labels: dict[Scene, list[Label]]) -> None:
     """Three continuations of each prefix, or all that there are; here no prefix lies under another."""
     for number, scene in enumerate(examples.scenes):
-        grounding, symbols = ground(scene), sequence_index(scene)
+        grounding, index = ground(scene), sequence_index_of(scene)
         found = [names(grounding, sequence) for sequence in sequences_of(examples, number)]
         for label in labels[scene]:
             if label.refuted_prefix:
                 under = [words for words in found if words[: len(label.actions)] == label.actions]
-                state = symbols.state_after(symbols.indices(label.actions))
-                assert len(under) == min(3, symbols.count_up_to(state, 6 - len(label.actions))) > 0
+                state = index.state_after(index.indices(label.actions))
+                assert len(under) == min(3, index.count_up_to(state, 6 - len(label.actions))) > 0
 
 
 def test_targets_are_those_of_the_scene(examples: Examples) -> None:

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dvr_jax.dataset import targets
-from dvr_jax.dataset.symbols import sequence_index
-from dvr_jax.dataset.targets import Verdicts
+from dvr_jax.dataset.known_prefixes import KnownPrefixes
+from dvr_jax.dataset.sequence_index import sequence_index_of
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import enumerate_sequences
 from dvr_jax.scene.sampling import sample_scenes
@@ -47,8 +47,8 @@ def test_one_verdict_for_each_sequence() -> None:
         targets([(1,), (2,)], [True])
 
 
-SYMBOLS = sequence_index(next(sample_scenes(1, 2, 0)))
-REACHING = [s for length in (2, 3, 4) for s in enumerate_sequences(SYMBOLS.grounding, length)]
+INDEX = sequence_index_of(next(sample_scenes(1, 2, 0)))
+REACHING = [s for length in (2, 3, 4) for s in enumerate_sequences(INDEX.grounding, length)]
 
 
 @settings(deadline=None, max_examples=30)
@@ -57,7 +57,7 @@ def test_what_is_known_of_a_prefix_follows_from_all_sequences_up_to_the_longest_
     seed: int, labelled: float
 ) -> None:
     generator = np.random.default_rng(seed)
-    actions = range(len(SYMBOLS.grounding.actions))
+    actions = range(len(INDEX.grounding.actions))
     impossible = {action for action in actions if generator.random() < 0.1}
     duplicates = {action for action in actions if generator.random() < 0.1} - impossible
     proper = sorted({sequence[:length] for sequence in REACHING for length in (1, 2, 3) if length < len(sequence)})
@@ -68,7 +68,7 @@ def test_what_is_known_of_a_prefix_follows_from_all_sequences_up_to_the_longest_
     good = {s for s in left if len(s) >= 3 and generator.random() < 0.02}
     bad = {s for s in left if s not in good and generator.random() < labelled}
     longest = max(map(len, good), default=0)
-    verdicts = Verdicts(SYMBOLS, good, bad, refuted, impossible, duplicates)
+    verdicts = KnownPrefixes(INDEX, good, bad, refuted, impossible, duplicates)
 
     def is_bad(sequence: tuple[int, ...]) -> bool:
         labelled = any(sequence[:length] in refuted | bad for length in range(1, len(sequence) + 1))

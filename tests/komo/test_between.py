@@ -36,7 +36,7 @@ from dvr_jax.solver.continuous_collision import (
     joint_curve,
     sample_penetration,
 )
-from dvr_jax.solver.engine import NlpSolution, solve
+from dvr_jax.solver.lane_pool import NlpSolution, solve
 
 HANDOVERS = (133, 235)
 """Of the frozen problems, two of two actions whose first path penetrates between its samples."""

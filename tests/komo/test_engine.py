@@ -20,7 +20,7 @@ from dvr_jax.seeds.keyframe_beam import BEAM_WIDTH, KeyframeBeam, empty_prefix
 from dvr_jax.solver import engine
 from dvr_jax.solver import iteration as solver
 from dvr_jax.solver.augmented_lagrangian import FEASIBLE, ITERATION_LIMIT, STAGNATED, Settings
-from dvr_jax.solver.engine import beam_lanes, extend_beams, solve
+from dvr_jax.solver.lane_pool import beam_lanes, extend_beams, solve
 
 
 def test_solutions_do_not_depend_on_the_batch() -> None:

@@ -9,7 +9,7 @@ from dvr_jax.nlp.problem import Variables
 from dvr_jax.nlp.transcription import transcribe
 from dvr_jax.search.node_solver import CERTIFIED_PENETRATION
 from dvr_jax.seeds.keyframe_beam import case_of, empty_prefix
-from dvr_jax.solver.engine import extend_beams, stack
+from dvr_jax.solver.lane_pool import extend_beams, stack
 
 
 @pytest.mark.parametrize("length", [2, 4])

@@ -1,16 +1,26 @@
 """Other domains than our own: what the grounder takes, and what it refuses by name."""
 
-import importlib.resources
 import sys
-from pathlib import Path
 
 import pytest
 
-from dvr_jax.logic import Action, SymbolicError, count_sequences, describe, enumerate_sequences, ground_actions
-from dvr_jax.logic.domain import domain_signature, parse_domain, read_domain
+from dvr_jax.logic import (
+    ARMS,
+    Action,
+    LogicError,
+    compose_domain,
+    count_sequences,
+    describe,
+    domain_signature,
+    enumerate_sequences,
+    ground_actions,
+)
+from dvr_jax.logic.domain import shipped_actions, shipped_domain, shipped_header
 from dvr_jax.logic.grounder import Entity, ground_domain
+from dvr_jax.logic.parsing import parse_domain, read_domain
+from dvr_jax.logic.task import ground_task
 
-OURS = importlib.resources.files("dvr_jax.logic").joinpath("domain.pddl").read_text(encoding="utf-8")
+OURS = shipped_domain()
 
 PUSH = """
   (:action push
@@ -19,8 +29,7 @@ PUSH = """
       (forall (?held - movable) (not (holding ?arm ?held)))
       (on ?item ?from)
       (not (= ?from ?to)))
-    :effect (and (not (on ?item ?from)) (on ?item ?to)))
-)"""
+    :effect (and (not (on ?item ?from)) (on ?item ?to)))"""
 
 ROOMS = """
 (define (domain rooms)
@@ -53,10 +62,9 @@ def with_effect(text: str, requirement: str = "") -> str:
     return changed.replace(":strips", f":strips {requirement}")
 
 
-def test_an_added_operator_is_grounded(tmp_path: Path) -> None:
-    domain_file = tmp_path / "pushing.pddl"
-    domain_file.write_text(OURS.rstrip().removesuffix(")") + PUSH)
-    grounding = ground_actions(["yellow", "red"], "yellow", domain_file=domain_file)
+def test_an_added_operator_is_grounded() -> None:
+    action_texts = [*shipped_actions(), PUSH]
+    grounding = ground_actions(["yellow", "red"], "yellow", action_texts=action_texts)
     pushes = [action for action in grounding.actions if action.operator == "push"]
     assert len(pushes) == 2 * 2 * 2  # arms, objects, (from, to) with from /= to
     push = Action("push", ("left", "yellow", "table", "goal"))
@@ -89,7 +97,7 @@ def test_types_constants_and_facts_that_never_change() -> None:
         "fly(red, garden)",
         "fly(red, hall)",
     ]
-    with pytest.raises(SymbolicError, match="two actions of the domain would both be called fly"):
+    with pytest.raises(LogicError, match="two actions of the domain would both be called fly"):
         ground_domain(domain, entities, [*initial, ("clean",)], [("at", "d0", "r0")])
 
 
@@ -102,7 +110,7 @@ def test_effects_delete_first_and_add_afterwards() -> None:
 
 def test_a_goal_out_of_reach() -> None:
     text = "(define (domain d) (:predicates (p) (q)) (:action a :parameters () :precondition (q) :effect (p)))"
-    with pytest.raises(SymbolicError, match=r"the goal \(q\) can never hold"):
+    with pytest.raises(LogicError, match=r"the goal \(q\) can never hold"):
         ground_domain(parse_domain(text), [], [], [("q",)])
     grounding = ground_domain(parse_domain(text), [], [], [("p",)])
     assert grounding.actions == () and not grounding.can_reach_goal(grounding.initial_state, 5)
@@ -139,7 +147,7 @@ def test_an_inner_variable_hides_an_outer_one() -> None:
 )
 def test_unsupported_constructs_are_refused_by_name(text: str, culprit: str) -> None:
     assert text != OURS
-    with pytest.raises(SymbolicError) as caught:
+    with pytest.raises(LogicError) as caught:
         parse_domain(text, "mine.pddl")
     assert str(caught.value).startswith("mine.pddl") and culprit in str(caught.value)
 
@@ -160,7 +168,7 @@ def test_unsupported_constructs_are_refused_by_name(text: str, culprit: str) -> 
     ],
 )
 def test_mistakes_are_named(text: str, message: str) -> None:
-    with pytest.raises(SymbolicError) as caught:
+    with pytest.raises(LogicError) as caught:
         parse_domain(text, "mine.pddl")
     assert str(caught.value).startswith("mine.pddl") and message in str(caught.value)
     assert not hasattr(sys, "tracebacklimit")  # the library would leave it at 0
@@ -175,16 +183,59 @@ def test_mistakes_are_named(text: str, message: str) -> None:
         ("face0", "o0", "the name 'o0' is given twice, or the domain has a constant of that name."),
     ],
 )
-def test_a_domain_that_does_not_fit_the_task(tmp_path: Path, old: str, new: str, message: str) -> None:
-    domain_file = tmp_path / "other.pddl"
-    domain_file.write_text(OURS.replace(old, new))
-    with pytest.raises(SymbolicError) as caught:
-        ground_actions(["yellow"], "yellow", domain_file=domain_file)
+def test_a_domain_that_does_not_fit_the_task(old: str, new: str, message: str) -> None:
+    domain = parse_domain(OURS.replace(old, new))
+    with pytest.raises(LogicError) as caught:
+        ground_task(domain, ["yellow"], "yellow", ARMS)
     assert message in str(caught.value)
 
 
 def test_a_domain_is_parsed_once() -> None:
     assert read_domain() is read_domain()
+    assert read_domain(list(shipped_actions())) is read_domain()
+
+
+def test_the_signature_of_grasp_and_place_is_that_of_all_shipped_labels_and_networks() -> None:
+    assert domain_signature() == "4bb93edc68665597"
+    assert domain_signature(compose_domain(shipped_header(), shipped_actions())) == "4bb93edc68665597"
+    assert domain_signature(compose_domain(shipped_header(), shipped_actions()[::-1])) != "4bb93edc68665597"
+
+
+def test_further_operators_take_the_place_of_the_shipped_ones() -> None:
+    grounding = ground_actions(["yellow", "red"], "yellow", action_texts=[PUSH])
+    assert {action.operator for action in grounding.actions} == {"push"}
+    assert {action.operator for action in ground_actions(["yellow", "red"], "yellow").actions} == {"grasp", "place"}
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "(define (domain d) (:predicates (p) (q)))",
+        "(define (domain d) (:predicates (p) (q))\n) ; a comment (with parentheses)\n",
+        "; (one more)\n(define (domain d) ; )\n (:predicates (p) (q)))\n\n",
+    ],
+)
+def test_actions_are_inserted_before_the_last_parenthesis_outside_comments(header: str) -> None:
+    renew = "(:action renew :parameters () :precondition (p) :effect (q)) ; without end )"
+    undo = "; undo\n(:action undo :parameters () :precondition (q) :effect (not (q)))\n"
+    domain = parse_domain(compose_domain(header, [renew, undo]))
+    assert [action.name for action in domain.actions] == ["renew", "undo"]
+    assert [predicate.name for predicate in domain.predicates] == ["p", "q"]
+    assert parse_domain(compose_domain(header, [])).actions == ()
+
+
+def test_a_header_without_end_is_refused() -> None:
+    with pytest.raises(LogicError, match="the header of the domain has no closing parenthesis"):
+        compose_domain("; (define (domain d))", shipped_actions())
+
+
+def test_a_broken_action_text_is_refused() -> None:
+    with pytest.raises(LogicError, match=r"operator 'push', \(held \?item\): no such predicate; declared: holding, on"):
+        ground_actions(["yellow"], "yellow", action_texts=[PUSH.replace("(on ?item ?from)\n", "(held ?item)\n")])
+    with pytest.raises(LogicError, match="is not a PDDL domain that can be read"):
+        ground_actions(["yellow"], "yellow", action_texts=["(:action push"])
+    with pytest.raises(LogicError, match="two operators are named 'grasp'"):
+        ground_actions(["yellow"], "yellow", action_texts=[*shipped_actions(), PUSH.replace("push", "grasp")])
 
 
 def test_signature_follows_rules_but_not_comments_case_or_spacing() -> None:

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dvr_jax.errors import DvrError
-from dvr_jax.logic import ARMS, FACES, Action, Grounding, SymbolicError, count_sequences, describe, ground_actions
+from dvr_jax.logic import ARMS, FACES, Action, Grounding, LogicError, count_sequences, describe, ground_actions
 
 GRASP_YELLOW = Action("grasp", ("left", "+x", "yellow"))
 TAKE_OVER = Action("grasp", ("right", "-y", "yellow"))
@@ -134,7 +134,7 @@ def test_a_full_hand_grasps_nothing_not_even_what_it_holds() -> None:
     names = {str(grounding.actions[index]) for index in grounding.applicable(held)}
     assert not any(name.startswith("grasp(left") for name in names)
     assert {"place(left, yellow, goal)", "place(left, yellow, table)"} <= names
-    with pytest.raises(SymbolicError, match=r"grasp\(left, \+x, yellow\) is not applicable"):
+    with pytest.raises(LogicError, match=r"grasp\(left, \+x, yellow\) is not applicable"):
         grounding.successor(held, grounding.index(GRASP_YELLOW))
 
 
@@ -194,7 +194,7 @@ def test_actions_in_words() -> None:
 )
 def test_a_wrong_sequence_is_explained(sequence: list[Action], message: str) -> None:
     grounding = ground_actions(["yellow", "red"], "yellow")
-    with pytest.raises(SymbolicError) as caught:
+    with pytest.raises(LogicError) as caught:
         grounding.check_sequence(sequence)
     assert message in str(caught.value)
     assert isinstance(caught.value, DvrError) and isinstance(caught.value, ValueError)
@@ -202,7 +202,7 @@ def test_a_wrong_sequence_is_explained(sequence: list[Action], message: str) -> 
 
 def test_an_unknown_fact_is_refused() -> None:
     grounding = ground_actions(["yellow"], "yellow")
-    with pytest.raises(SymbolicError, match=r"free\(left\).*valid: holding\(left, yellow\)"):
+    with pytest.raises(LogicError, match=r"free\(left\).*valid: holding\(left, yellow\)"):
         grounding.holds(grounding.initial_state, "free", "left")
 
 
@@ -217,6 +217,6 @@ def test_an_unknown_fact_is_refused() -> None:
     ],
 )
 def test_bad_names_are_refused(objects: list[str], goal_object: str, arms: list[str], message: str) -> None:
-    with pytest.raises(SymbolicError) as caught:
+    with pytest.raises(LogicError) as caught:
         ground_actions(objects, goal_object, arms)
     assert str(caught.value) == message

@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from dvr_jax.logic import Grounding, SymbolicError, count_sequences, enumerate_sequences, ground_actions
+from dvr_jax.logic import Grounding, LogicError, count_sequences, enumerate_sequences, ground_actions
 
 TABLE_ONE = {
     1: (8, 32, 192, 1024, 5632),
@@ -61,7 +61,7 @@ def test_lengths_at_the_edge() -> None:
     assert count_sequences(grounding, 0) == {}
     assert list(enumerate_sequences(grounding, 0)) == []
     assert list(enumerate_sequences(grounding, 1)) == []
-    with pytest.raises(SymbolicError, match="-1"):
+    with pytest.raises(LogicError, match="-1"):
         count_sequences(grounding, -1)
-    with pytest.raises(SymbolicError, match="-2"):
+    with pytest.raises(LogicError, match="-2"):
         enumerate_sequences(grounding, -2)

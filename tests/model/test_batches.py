@@ -9,7 +9,6 @@ from labelled import sided_examples
 
 from dvr_jax.dataset import Examples
 from dvr_jax.errors import DvrError
-from dvr_jax.logic import FACES
 from dvr_jax.model.batch_sampler import BatchSampler, draw_mirrored
 from dvr_jax.model.batches import IMAGE_MULTIPLE, VIEW_MULTIPLE, assemble_batch
 from dvr_jax.model.encoding import MIRRORED, SYMBOLS, direction
@@ -18,6 +17,7 @@ from dvr_jax.model.metadata import Kind
 from dvr_jax.model.scene_table import build_scene_table
 from dvr_jax.model.training_data import check_examples, held_out_scenes
 from dvr_jax.scene.sampling import sample_scenes
+from dvr_jax.shapes import FACES
 
 ONE = sided_examples(2, 1, objects=1, longest=3)
 TWO = sided_examples(3, 2, objects=2, longest=3)

@@ -9,7 +9,7 @@ import pytest
 from jaxtyping import Float
 
 from dvr_jax.errors import DvrError
-from dvr_jax.logic import FACES, enumerate_sequences
+from dvr_jax.logic import enumerate_sequences
 from dvr_jax.model import predictor as predictor_module
 from dvr_jax.model import scene_encoding
 from dvr_jax.model.encoding import SYMBOLS, direction
@@ -22,6 +22,7 @@ from dvr_jax.model.predictor import SHIPPED, Predictor, load_network
 from dvr_jax.model.scene_encoding import BATCH_SIZES
 from dvr_jax.scene.camera import empty_depth, render_depth
 from dvr_jax.scene.sampling import SceneDistribution, sample_scenes
+from dvr_jax.shapes import FACES
 
 PARAMETERS = initial_parameters(NetworkConfig(image_size=16, channels=(2, 3, 3), dense=9, hidden=13), 4)
 PREDICTOR = Predictor(PARAMETERS, NetworkMetadata("dvr", PARAMETERS.config))
@@ -74,7 +75,7 @@ def test_images_of_another_camera_take_the_place_of_the_rendered_ones() -> None:
         return answer(replace(PREDICTOR, images=depth_images(scene, replace(seen, depth=depth), 16)))
 
     np.testing.assert_array_equal(answer_to(seen.depth), answer(PREDICTOR))
-    empty = empty_depth(scene.home, 64, 64)
+    empty = empty_depth(scene.workcell, 64, 64)
     assert not np.array_equal(answer_to(empty), answer(PREDICTOR))
     np.testing.assert_array_equal(answer_to(np.full((64, 64), np.nan, np.float32)), answer_to(empty))
     with pytest.raises(DvrError, match=r"\(8, 8\).*valid.*\(16, 16\)"):

@@ -12,19 +12,34 @@ import numpy as np
 import pytest
 
 from dvr_jax.errors import DvrError
-from dvr_jax.scene.camera import FARTHEST_DEPTH, cast_rays, render_depth, render_depth_of_state
-from dvr_jax.scene.files import Goal, Region, Scene, SceneObject, make_scene, scene_to_json
+from dvr_jax.scene.camera import (
+    FARTHEST_DEPTH,
+    cast_rays,
+    empty_depth,
+    render_depth,
+    render_depth_of_state,
+)
+from dvr_jax.scene.files import (
+    FixedBody,
+    OnRegion,
+    Region,
+    Scene,
+    SceneObject,
+    make_scene,
+    scene_to_json,
+)
 from dvr_jax.scene.mjcf import LOOKS_GROUP, SOLID_GROUP, build_home_data, build_model, qpos_layout
 from dvr_jax.scene.pinhole import SCENE_CAMERA, Pinhole
 from dvr_jax.scene.sampling import SceneDistribution, sample_scenes
-from dvr_jax.workcell.constants import JOINT_LOWER, JOINT_UPPER
+from dvr_jax.workcell.panda import PANDA
+from dvr_jax.workcell.workcell import SINGLE_ARM_WORKCELL, WORKCELLS, Workcell
 
 SCENE = make_scene(
     [
         SceneObject("tall", "box", (0.2, 0.1, 0.2), (0.0, 0.2), 0.0),
         SceneObject("can", "cylinder", (0.08, 0.1), (0.05, -0.3), 0.0),
     ],
-    Goal("tall", Region((0.0, -0.3), math.pi / 4, (0.3, 0.3))),
+    OnRegion("tall", Region((0.0, -0.3), math.pi / 4, (0.3, 0.3))),
 )
 OBLIQUE = Pinhole(position=(0.3, -1.2, 1.4), target=(0.0, 0.0, 0.1), field_of_view=0.8)
 
@@ -83,14 +98,14 @@ def test_masks_lie_where_things_stand() -> None:
 def test_multi_ray_misses_nothing(camera: Pinhole) -> None:
     """`mj_multiRay` culls by bounding boxes; `mj_ray` looks at every geom: they must agree on every ray."""
     model = build_model(SCENE)
-    data, layout, generator = build_home_data(model), qpos_layout(2), np.random.default_rng(0)
+    data, layout, generator = build_home_data(model), qpos_layout(SCENE), np.random.default_rng(0)
     groups, nearest = np.array([0, 1, 1, 0, 0, 0], dtype=np.uint8), np.zeros(1, dtype=np.int32)
     rays = camera.pixel_rays(40, 40)
     for _ in range(6):
-        data.qpos[layout.arm_joints] = generator.uniform(JOINT_LOWER, JOINT_UPPER, (2, 7))
+        data.qpos[layout.arm_joints] = generator.uniform(*PANDA.joint_limits, layout.arm_joints.shape)
         mujoco.mj_forward(model, data)
-        depth, geoms, _ = cast_rays(model, data, camera.position, rays, (SOLID_GROUP, LOOKS_GROUP))
-        for ray, distance, geom in zip(rays.reshape(-1, 3), depth.ravel(), geoms.ravel(), strict=True):
+        hits = cast_rays(model, data, camera.position, rays, (SOLID_GROUP, LOOKS_GROUP))
+        for ray, distance, geom in zip(rays.reshape(-1, 3), hits.distance.ravel(), hits.geom.ravel(), strict=True):
             expected = mujoco.mj_ray(model, data, np.array(camera.position), ray, groups, True, -1, nearest, None)
             assert (expected < 0) == (geom < 0)
             assert geom < 0 or distance == pytest.approx(expected, abs=1e-9)
@@ -101,7 +116,7 @@ def test_hidden_objects_have_empty_masks() -> None:
         SceneObject("front", "box", (0.3, 0.02, 0.4), (0.0, -0.1), 0.0),
         SceneObject("behind", "box", (0.05, 0.05, 0.05), (0.0, 0.0), 0.0),
     )
-    scene = Scene(objects, Goal("behind", Region((0.0, 0.0), 0.0, (0.1, 0.1))))
+    scene = Scene(objects, OnRegion("behind", Region((0.0, 0.0), 0.0, (0.1, 0.1))))
     model = build_model(scene)
     level = Pinhole(position=(0.0, -1.5, 0.15), target=(0.0, 0.0, 0.1), field_of_view=0.5)
     image = render_depth_of_state(scene, model, build_home_data(model), 64, 48, level)
@@ -112,6 +127,9 @@ def test_hidden_objects_have_empty_masks() -> None:
 def test_the_initial_state_is_seen_as_any_state_is() -> None:
     """Only the rays near objects are cast; all objects, some under the arms, are seen as if all rays were."""
     scenes = [*sample_scenes(10, 2, 1), *sample_scenes(5, 5, 1), *sample_scenes(5, 2, 1, SceneDistribution("cylinder"))]
+    crowded = SceneDistribution(fixed_bodies=(1, 4))
+    for workcell in WORKCELLS.values():
+        scenes += sample_scenes(2, 2, 1, crowded, workcell)
     for scene in scenes:
         model = build_model(scene)
         all_rays = render_depth_of_state(scene, model, build_home_data(model), 120, 90)
@@ -121,14 +139,50 @@ def test_the_initial_state_is_seen_as_any_state_is() -> None:
         np.testing.assert_array_equal(seen.goal_mask, all_rays.goal_mask)
 
 
+@pytest.mark.parametrize("workcell", WORKCELLS.values(), ids=WORKCELLS)
+def test_fixed_bodies_are_seen_as_heights(workcell: Workcell) -> None:
+    """The empty table has the arms, not the fixed bodies; masks show objects only, and none under a board."""
+    objects = (
+        SceneObject("seen", "box", (0.1, 0.1, 0.1), (-0.25, 0.3), 0.0),
+        SceneObject("hidden", "box", (0.05, 0.05, 0.05), (0.25, 0.5), 0.0),
+    )
+    board = FixedBody("board", "box", (0.3, 0.3, 0.02), (0.25, 0.5, 0.25), 0.0)
+    post = FixedBody("post", "cylinder", (0.05, 0.3), (0.0, 0.7, 0.15), 0.0)
+    scene = make_scene(objects, OnRegion("seen", Region((0.0, 0.3), 0.0, (0.2, 0.2))), workcell, (board, post))
+    size = 200
+    image = render_depth(scene, size, size)
+    height = empty_depth(workcell, size, size) - image.depth
+    half = SCENE_CAMERA.position[2] * math.tan(SCENE_CAMERA.field_of_view / 2)
+
+    def at(x: float, y: float, top: float) -> tuple[int, int]:
+        """Pixel that shows the point at a height."""
+        scale = SCENE_CAMERA.position[2] / (SCENE_CAMERA.position[2] - top) / (2 * half)
+        return int((0.5 - y * scale) * size), int((0.5 + x * scale) * size)
+
+    assert height[at(0.25, 0.5, 0.26)] == pytest.approx(0.26, abs=1e-5)
+    assert height[at(0.0, 0.7, 0.3)] == pytest.approx(0.3, abs=1e-5)
+    assert height[at(-0.25, 0.3, 0.1)] == pytest.approx(0.1, abs=1e-5)
+    assert image.object_masks[0].any() and not image.object_masks[1].any()
+    assert not image.object_masks[0][at(0.25, 0.5, 0.26)]
+    arms = empty_depth(workcell, size, size) < SCENE_CAMERA.position[2] - 0.3
+    columns = np.nonzero(arms)[1]
+    expected = 1 if workcell == SINGLE_ARM_WORKCELL else 2
+    assert np.sum(np.diff(np.unique(columns)) > 5) + 1 == expected
+
+
 def test_rays_outside_a_balls_window_miss_it() -> None:
     generator = np.random.default_rng(0)
     smaller = 0
     for _ in range(50):
-        camera = Pinhole(tuple(generator.normal(size=3)), tuple(generator.normal(size=3)), generator.uniform(0.3, 1.5))
-        center, radius = generator.normal(size=3), generator.uniform(0.05, 0.5)
+        camera = Pinhole(
+            tuple(generator.normal(size=3).tolist()),
+            tuple(generator.normal(size=3).tolist()),
+            generator.uniform(0.3, 1.5),
+        )
+        center = tuple(generator.normal(size=3).tolist())
+        radius = generator.uniform(0.05, 0.5)
         rays = camera.pixel_rays(80, 60)
-        towards = center - camera.position
+        towards = np.subtract(center, camera.position)
         along = np.maximum((rays @ towards) / (rays**2).sum(-1), 0)
         met = np.linalg.norm(along[..., None] * rays - towards, axis=-1) <= radius
         window = camera.window(center, radius, 80, 60)

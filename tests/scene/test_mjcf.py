@@ -2,38 +2,41 @@
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import mujoco
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dvr_jax.errors import DvrError
-from dvr_jax.scene.files import Goal, Region, Scene, SceneObject, make_scene
+from dvr_jax.errors import DvrError, SceneError
+from dvr_jax.scene.files import FixedBody, OnRegion, Region, Scene, SceneObject, make_scene
 from dvr_jax.scene.mjcf import (
-    CAPSULE_NAMES,
     COLLISION_GROUP,
     GOAL_GROUP,
     LOOKS_GROUP,
+    SOLID_GROUP,
     build_home_data,
     build_model,
+    fixed_body_name,
     home_qpos,
     object_body_name,
     qpos_layout,
     require_free_home,
     scene_xml,
 )
-from dvr_jax.workcell.constants import (
-    ARM_NAMES,
-    BASE_LENGTH,
-    BASE_POSITIONS,
-    BASE_RADIUS,
-    BASE_WIDTH,
-    BASE_YAWS,
-    JOINT_LOWER,
-    JOINT_UPPER,
+from dvr_jax.workcell.panda import PANDA
+from dvr_jax.workcell.workcell import (
+    DEFAULT_WORKCELL,
+    WORKCELLS,
+    Arm,
+    Workcell,
+    base_positions,
+    base_rotations,
 )
 
+CAPSULE_NAMES = tuple(f"{name}_collision" for name in PANDA.capsules.names)
+ARM_NAMES = DEFAULT_WORKCELL.arm_names
 ODD_NAME = 'a/b "<&> \x01 ü 日本'
 REGION = Region((0.3, 0.2), 0.4, (0.25, 0.2))
 SCENE = make_scene(
@@ -41,7 +44,7 @@ SCENE = make_scene(
         SceneObject("yellow", "box", (0.05, 0.2, 0.1), (-0.4, 0.1), 0.3),
         SceneObject(ODD_NAME, "cylinder", (0.03, 0.14), (0.2, -0.1), 1.0),
     ],
-    Goal("yellow", REGION),
+    OnRegion("yellow", REGION),
 )
 
 # Franka's published table, row by row: a, d, alpha (m, m, rad); rows 1 to 7 are joints, row 8 is the flange.
@@ -82,9 +85,9 @@ def model() -> mujoco.MjModel:
 def random_states(model: mujoco.MjModel, number: int) -> Iterator[mujoco.MjData]:
     """States with arms anywhere within their limits, every second time stretched towards each other; only positions
     are computed."""
-    generator, layout, data = np.random.default_rng(0), qpos_layout(2), build_home_data(model)
+    generator, layout, data = np.random.default_rng(0), qpos_layout(SCENE), build_home_data(model)
     for index in range(number):
-        angles = generator.uniform(JOINT_LOWER, JOINT_UPPER, (2, 7))
+        angles = generator.uniform(*PANDA.joint_limits, (2, 7))
         if index % 2:
             angles[:, [0, 1, 3]] = generator.uniform([-0.4, 0.5, -1.5], [0.4, 1.7, -0.1], (2, 3))
         data.qpos[layout.arm_joints] = angles
@@ -94,11 +97,11 @@ def random_states(model: mujoco.MjModel, number: int) -> Iterator[mujoco.MjData]
 
 
 def test_frames_are_those_of_the_table(model: mujoco.MjModel) -> None:
-    layout = qpos_layout(2)
+    layout = qpos_layout(SCENE)
     for data in random_states(model, 20):
         for arm, name in enumerate(ARM_NAMES):
-            T_world_link = rotation_z(BASE_YAWS[arm])
-            T_world_link[:2, 3] = BASE_POSITIONS[arm]
+            T_world_link = rotation_z(DEFAULT_WORKCELL.arms[arm].yaw)
+            T_world_link[:2, 3] = DEFAULT_WORKCELL.arms[arm].position
             angles = [*data.qpos[layout.arm_joints[arm]], 0.0]
             for row, (a, d, alpha) in enumerate(DH_TABLE):
                 T_world_link = T_world_link @ dh_transform(a, d, alpha, angles[row])
@@ -117,13 +120,13 @@ def test_frames_are_those_of_the_table(model: mujoco.MjModel) -> None:
 
 
 def test_layout_limits_and_home(model: mujoco.MjModel) -> None:
-    layout = qpos_layout(2)
+    layout = qpos_layout(SCENE)
     assert layout.size == model.nq == 32
     for arm, name in enumerate(ARM_NAMES):
         for index in range(7):
             joint = model.joint(f"{name}/joint{index + 1}")
             assert joint.qposadr[0] == layout.arm_joints[arm, index]
-            assert tuple(joint.range) == (JOINT_LOWER[index], JOINT_UPPER[index])
+            assert tuple(joint.range) == tuple(PANDA.joint_limits[:, index])
         for index, side in enumerate(("left", "right")):
             joint = model.joint(f"{name}/finger_joint_{side}")
             assert joint.qposadr[0] == layout.fingers[arm, index]
@@ -159,14 +162,14 @@ def test_nine_capsules_an_arm_one_a_body(model: mujoco.MjModel) -> None:
 
 
 def test_finger_pads_lie_at_half_the_opening(model: mujoco.MjModel) -> None:
-    data, layout = build_home_data(model), qpos_layout(2)
+    data, layout = build_home_data(model), qpos_layout(SCENE)
     fingers = [model.geom(f"left/finger_{side}_collision").id for side in ("left", "right")]
     for travel in (0.0, 0.013, 0.04):
         data.qpos[layout.fingers] = travel
         mujoco.mj_kinematics(model, data)
         gap = mujoco.mj_geomDistance(model, data, *fingers, 1.0, None)
         assert gap == pytest.approx(2 * travel, abs=1e-9)
-    # The capsules' axes end level with the gripper centre; at home the hand points down.
+    # The capsules' axes end level with the gripper center; at home the hand points down.
     axis = data.geom_xmat[fingers[0]].reshape(3, 3)[2, 2] * model.geom_size[fingers[0], 1]
     assert data.geom_xpos[fingers[0], 2] - abs(axis) == pytest.approx(data.site("left/gripper").xpos[2], abs=1e-9)
 
@@ -190,7 +193,7 @@ def test_who_touches_whom(model: mujoco.MjModel) -> None:
 
 
 def test_objects_stand_where_the_scene_says_and_stay(model: mujoco.MjModel) -> None:
-    data, layout = build_home_data(model), qpos_layout(2)
+    data, layout = build_home_data(model), qpos_layout(SCENE)
     assert data.ncon == 0 or {"table"} <= {model.geom(g).name for pair in data.contact.geom for g in pair}
     for _ in range(500):
         mujoco.mj_step(model, data)
@@ -205,20 +208,21 @@ def test_objects_stand_where_the_scene_says_and_stay(model: mujoco.MjModel) -> N
 def test_names_of_objects_never_clash() -> None:
     names = ["a b", "a%20b", "a+b", "left/hand", "table", "goal", "A b", "a/b"]
     objects = [SceneObject(name, "box", (0.05, 0.05, 0.05), (0.0, -0.4 + 0.1 * i), 0.0) for i, name in enumerate(names)]
-    model = build_model(Scene(tuple(objects), Goal("goal", REGION)))
+    model = build_model(Scene(tuple(objects), OnRegion("goal", REGION)))
     assert model.nq == 18 + 7 * len(names)
-    assert mujoco.MjModel.from_xml_string(scene_xml(Scene(tuple(objects), Goal("goal", REGION)))).nq == model.nq
+    assert mujoco.MjModel.from_xml_string(scene_xml(Scene(tuple(objects), OnRegion("goal", REGION)))).nq == model.nq
 
 
 def test_a_home_in_collision_is_refused_with_both_names() -> None:
     require_free_home(SCENE)
     tall = SceneObject("tower, no", "box", (0.1, 0.1, 0.6), (-0.45, 0.0), 0.0)
-    goal = Goal(tall.name, Region((0.3, 0.2), 0.0, (0.2, 0.2)))
+    goal = OnRegion(tall.name, Region((0.3, 0.2), 0.0, (0.2, 0.2)))
     with pytest.raises(DvrError, match=r"with the arms at home left/.* and object/tower, no penetrate by"):
         require_free_home(Scene((tall,), goal))
     low = (0.0, 0.9, 0.0, -1.9, 0.0, 2.8, 0.8)
     with pytest.raises(DvrError, match=r"table.* penetrate by"):
-        require_free_home(Scene(SCENE.objects, SCENE.goal, (low, SCENE.home[1])))
+        arms = (replace(DEFAULT_WORKCELL.arms[0], home=low), DEFAULT_WORKCELL.arms[1])
+        require_free_home(Scene(SCENE.objects, SCENE.goal, replace(DEFAULT_WORKCELL, arms=arms)))
 
 
 @pytest.mark.parametrize("arm", [0, 1])
@@ -230,6 +234,83 @@ def test_what_is_drawn_of_a_base_stands_on_its_foot(arm: int) -> None:
     for geom in np.flatnonzero((model.geom_bodyid == body) & (model.geom_group == LOOKS_GROUP)):
         low = model.geom_pos[geom][2] - model.geom_aabb[geom, 5]
         if low < 0.03:
-            centre, half = model.geom_pos[geom] + model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
-            reach = np.maximum(reach, [half[0] - centre[0], half[1] + abs(centre[1])])
-    assert 0.1 < reach[0] <= BASE_LENGTH and 0.05 < reach[1] <= max(BASE_RADIUS, BASE_WIDTH / 2)
+            center, half = model.geom_pos[geom] + model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
+            reach = np.maximum(reach, [half[0] - center[0], half[1] + abs(center[1])])
+    assert 0.1 < reach[0] <= PANDA.base_foot.length
+    assert 0.05 < reach[1] <= max(PANDA.base_foot.radius, PANDA.base_foot.width / 2)
+
+
+@pytest.mark.parametrize("workcell", WORKCELLS.values(), ids=WORKCELLS)
+def test_every_workcell_stands_where_it_says(workcell: Workcell) -> None:
+    scene = Scene(SCENE.objects, SCENE.goal, workcell)
+    model = build_model(scene)
+    data = build_home_data(model)
+    layout = qpos_layout(scene)
+    assert layout.size == model.nq == 9 * workcell.number_of_arms + 14
+    for index, arm in enumerate(workcell.arms):
+        base = data.body(f"{arm.name}/base")
+        np.testing.assert_allclose(base.xpos, base_positions(workcell)[index], atol=1e-15)
+        np.testing.assert_allclose(base.xmat.reshape(3, 3), base_rotations(workcell)[index], atol=1e-15)
+        for joint, address in enumerate(layout.arm_joints[index]):
+            assert model.joint(f"{arm.name}/joint{joint + 1}").qposadr[0] == address
+        assert model.joint(f"{arm.name}/finger_joint_left").qposadr[0] == layout.fingers[index, 0]
+        # The maker's home posture: gripper 0.307 m before the base.
+        expected = np.array(arm.position) + 0.3069 * np.array([math.cos(arm.yaw), math.sin(arm.yaw)])
+        np.testing.assert_allclose(data.site(f"{arm.name}/gripper").xpos[:2], expected, atol=1e-4)
+    np.testing.assert_allclose(model.key("home").ctrl, home_qpos(scene)[: 9 * workcell.number_of_arms])
+    again = mujoco.MjModel.from_xml_string(scene_xml(scene))
+    np.testing.assert_allclose(again.body_pos, model.body_pos, atol=6e-6)
+
+
+def test_numbers_for_the_robot_are_no_part_of_a_scene(model: mujoco.MjModel) -> None:
+    assert (model.nnumeric, model.ntext) == (0, 0)
+
+
+def test_an_arm_may_have_an_odd_name() -> None:
+    arm = Arm('ü "<&> 日本', (0.0, -0.4), 0.3)
+    scene = make_scene(SCENE.objects, SCENE.goal, Workcell((arm,)))
+    again = mujoco.MjModel.from_xml_string(scene_xml(scene))
+    assert f"{arm.name}/hand" in [again.body(index).name for index in range(again.nbody)]
+
+
+WALL = FixedBody("a wall", "box", (0.6, 0.04, 0.5), (-0.44, 0.3, 0.25), 0.7)
+POST = FixedBody("post", "cylinder", (0.05, 0.2), (0.5, 0.6, 0.6), 0.0)
+
+
+def test_fixed_bodies_are_part_of_the_model() -> None:
+    scene = make_scene(SCENE.objects[1:], OnRegion(ODD_NAME, REGION), fixed=(WALL, POST))
+    model = build_model(scene)
+    data = build_home_data(model)
+    assert model.nq == qpos_layout(scene).size == 18 + 7
+    for fixed, geom_type, size in (
+        (WALL, mujoco.mjtGeom.mjGEOM_BOX, [0.3, 0.02, 0.25]),
+        (POST, mujoco.mjtGeom.mjGEOM_CYLINDER, [0.05, 0.1]),
+    ):
+        geom = model.geom(fixed_body_name(fixed.name))
+        assert model.body(geom.bodyid[0]).name == geom.name and geom.type[0] == geom_type
+        assert geom.group[0] == SOLID_GROUP
+        np.testing.assert_allclose(geom.size[: len(size)], size)
+        pose = data.geom(geom.name)
+        np.testing.assert_allclose(pose.xpos, fixed.position)
+        np.testing.assert_allclose(pose.xmat.reshape(3, 3), rotation_z(fixed.yaw)[:3, :3], atol=1e-15)
+
+
+def test_arms_and_objects_collide_with_fixed_bodies() -> None:
+    can = SceneObject("can", "cylinder", (0.03, 0.14), (0.2, -0.1), 0.0)
+    scene = Scene((can,), OnRegion("can", REGION), fixed=(WALL, POST))
+    model = build_model(scene)
+    layout = qpos_layout(scene)
+    data = build_home_data(model)
+    data.qpos[layout.objects[0, :3]] = [0.5, 0.6, 0.76]  # a centimeter into the post
+    data.qpos[layout.arm_joints[0]] = [0.8, 0.6, 0.0, -1.2, 0.0, 1.8, 0.8]  # towards the wall
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_collision(model, data)
+    pairs = {frozenset(model.geom(g).name for g in pair) for pair in data.contact.geom}
+    assert {"object/can", "fixed/post"} in pairs
+    assert any("fixed/a%20wall" in pair and any(name.startswith("left/") for name in pair) for pair in pairs)
+
+
+def test_a_fixed_body_in_an_arm_at_home_is_refused() -> None:
+    high = replace(WALL, position=(-0.44, 0.0, 0.3))
+    with pytest.raises(SceneError, match=r"with the arms at home left/.* and fixed/a wall penetrate by"):
+        require_free_home(make_scene(SCENE.objects[1:], OnRegion(ODD_NAME, REGION), fixed=[high]))

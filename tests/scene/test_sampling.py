@@ -2,28 +2,31 @@
 
 import dataclasses
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from dvr_jax.dataset.shards import read_shard
-from dvr_jax.errors import DvrError
+from dvr_jax.errors import DvrError, SceneError
 from dvr_jax.geometry.footprint import contains_point, inside
 from dvr_jax.scene.files import (
+    OnRegion,
+    Region,
     Scene,
-    are_equal_but_for_rounding,
+    SceneObject,
+    make_scene,
     scene_from_json,
     scene_to_json,
     validate_scene,
 )
-from dvr_jax.scene.mjcf import build_home_data, build_model
+from dvr_jax.scene.fixed_sampling import add_fixed_bodies
+from dvr_jax.scene.mjcf import build_home_data, build_model, require_free_home
 from dvr_jax.scene.sampling import DEFAULT_DISTRIBUTION, SceneDistribution, sample_scene, sample_scenes
-from dvr_jax.workcell.constants import BASE_POSITIONS, MAXIMUM_OPENING
+from dvr_jax.workcell.panda import PANDA
+from dvr_jax.workcell.workcell import DEFAULT_WORKCELL, WORKCELLS, Arm, Table, Workcell
 
 
 def occupied(scene: Scene) -> bool:
-    """Whether the centre of an object that is not the goal's lies on the target."""
+    """Whether the center of an object that is not the goal's lies on the target."""
     others = [item for item in scene.objects if item.name != scene.goal.object]
     return any(contains_point(item.position, scene.goal.region.footprint) for item in others)
 
@@ -32,12 +35,13 @@ def occupied(scene: Scene) -> bool:
 @pytest.mark.parametrize("shape", ["box", "cylinder", "mixed"])
 def test_scenes_are_valid_and_within_ranges(number_of_objects: int, shape: str) -> None:
     distribution = SceneDistribution(shape=shape)  # type: ignore[arg-type]
+    bases = [arm.position for arm in DEFAULT_WORKCELL.arms]
     for scene in sample_scenes(12, number_of_objects, 3, distribution):
         validate_scene(scene)
         assert scene_from_json(scene_to_json(scene)) == scene
         assert len(scene.objects) == number_of_objects
         goal = scene.objects[scene.goal_index]
-        assert 2 * min(goal.half_extents[:2]) <= MAXIMUM_OPENING  # it can be grasped at all
+        assert 2 * min(goal.half_extents[:2]) <= PANDA.maximum_opening  # it can be grasped at all
         assert not inside(goal.footprint, scene.goal.region.footprint)
         longest = 2 * max(goal.half_extents[:2])
         low, high = distribution.target_margin
@@ -47,7 +51,7 @@ def test_scenes_are_valid_and_within_ranges(number_of_objects: int, shape: str) 
             low, high = distribution.cube_side if len(set(item.size)) == 1 else distribution.height
             assert low <= item.height <= high
             near, far = distribution.base_distance
-            assert near <= min(math.dist(item.position, base) for base in BASE_POSITIONS) <= far
+            assert near <= min(math.dist(item.position, base) for base in bases) <= far
 
 
 def test_a_longer_draw_begins_with_the_shorter() -> None:
@@ -56,12 +60,6 @@ def test_a_longer_draw_begins_with_the_shorter() -> None:
     assert len(set(long)) == 6
     assert list(sample_scenes(3, 2, 8)) != short
     assert list(sample_scenes(3, 2, 7)) == short
-
-
-def test_the_scenes_of_the_shipped_labels_are_drawn_again() -> None:
-    shipped = read_shard(Path("data/labels/train/labels-000000.parquet")).scenes
-    drawn = sample_scenes(len(shipped), 2, 100)
-    assert len(shipped) > 100 and all(map(are_equal_but_for_rounding, drawn, shipped))
 
 
 def test_half_of_the_targets_are_occupied() -> None:
@@ -98,6 +96,10 @@ def test_no_object_touches_an_arm_at_home() -> None:
         ({"occupied_share": 1.5}, "occupied share is 1.5"),
         ({"cube_share": -0.1}, "cube share is -0.1"),
         ({"base_distance": (5.0, 6.0)}, "no point with x"),
+        ({"fixed_bodies": (2, 1)}, "range fixed_bodies is"),
+        ({"fixed_bodies": (-1, 1)}, "fixed_bodies is .*; valid are whole numbers from 0 to 16"),
+        ({"fixed_bodies": (0, 17)}, "fixed_bodies is .*; valid are whole numbers from 0 to 16"),
+        ({"fixed_bodies": (0.5, 1.5)}, "fixed_bodies is .*; valid are whole numbers from 0 to 16"),
         ({"wide_side": (0.04, 3.0), "narrow_side": (3.0, 3.0), "cube_share": 0.0}, "none of 5000 scenes"),
     ],
 )
@@ -119,3 +121,49 @@ def test_refuses_distributions(change: dict[str, object], message: str) -> None:
 def test_refuses_requests(number: int, objects: int, seed: int, message: str) -> None:
     with pytest.raises(DvrError, match=message):
         sample_scenes(number, objects, seed)
+
+
+@pytest.mark.parametrize("workcell", WORKCELLS.values(), ids=WORKCELLS)
+def test_scenes_of_every_workcell(workcell: Workcell) -> None:
+    scenes = list(sample_scenes(30, 2, 4, workcell=workcell))
+    assert len(set(scenes)) == 30
+    low, high = DEFAULT_DISTRIBUTION.base_distance
+    for scene in scenes:
+        validate_scene(scene)
+        require_free_home(scene)
+        assert scene.workcell == workcell and not scene.fixed
+        assert scene_from_json(scene_to_json(scene)) == scene
+        for position in [item.position for item in scene.objects] + [scene.goal.region.position]:
+            assert low <= min(math.dist(position, arm.position) for arm in workcell.arms) <= high
+
+
+@pytest.mark.parametrize(("name", "number"), [("facing", (1, 3)), ("single", (1, 3)), ("side-by-side", (4, 8))])
+def test_scenes_with_fixed_bodies(name: str, number: tuple[int, int]) -> None:
+    """They are those without fixed bodies, and some more stands in them."""
+    distribution = SceneDistribution(fixed_bodies=number)
+    scenes = list(sample_scenes(30, 2, 5, distribution, WORKCELLS[name]))
+    without = list(sample_scenes(30, 2, 5, workcell=WORKCELLS[name]))
+    assert [dataclasses.replace(scene, fixed=()) for scene in scenes] == without
+    low, high = number
+    counts = [len(scene.fixed) for scene in scenes]
+    assert min(counts) == low and max(counts) <= high and len(set(counts)) > 2
+    kinds = {body.name.rstrip("0123456789") for scene in scenes for body in scene.fixed}
+    assert kinds == {"wall", "board", "rim"}
+    for scene in scenes:
+        validate_scene(scene)
+        require_free_home(scene)
+        assert scene_from_json(scene_to_json(scene)) == scene
+        assert all(inside(body.footprint, scene.workcell.table.footprint) for body in scene.fixed)
+
+
+def test_a_full_table_has_no_place_for_fixed_bodies(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("dvr_jax.scene.fixed_sampling.MOST_DRAWS", 20)
+    with pytest.raises(SceneError, match=r"fixed bodies found a free place"):
+        add_fixed_bodies(np.random.default_rng(0), full_scene(), (1, 1))
+
+
+def full_scene() -> Scene:
+    """A small table between two blocks, one of which the arm at home touches: nothing that is added is valid."""
+    workcell = Workcell((Arm("arm", (0.0, 0.0), 0.0),), table=Table((0.22, 0.22)))
+    blocks = [SceneObject(str(i), "box", (0.05, 0.44, 2.0), (x, 0.0), 0.0) for i, x in enumerate((-0.195, 0.195))]
+    return make_scene(blocks, OnRegion("0", Region((0.0, 0.0), 0.0, (0.05, 0.44))), workcell)

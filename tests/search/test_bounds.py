@@ -16,13 +16,13 @@ from dvr_jax.scene.sampling import SceneDistribution, scene_of_seed
 from dvr_jax.scene.types import Goal, Region, Scene, SceneObject
 from dvr_jax.search.node import Node
 from dvr_jax.search.node_solver import CERTIFIED_PENETRATION, PATH_STARTS
-from dvr_jax.search.run import Run
+from dvr_jax.search.session import Run
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import run_alone
 from dvr_jax.seeds.initial_paths import keyframe_start
 from dvr_jax.seeds.keyframe_beam import BEAM_WIDTH
 from dvr_jax.solver.augmented_lagrangian import Settings
-from dvr_jax.solver.engine import solve
+from dvr_jax.solver.lane_pool import solve
 
 BOX = SceneObject("a", "box", (0.05, 0.15, 0.1), (-0.2, 0.1), 0.3)
 

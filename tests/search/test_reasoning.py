@@ -14,8 +14,9 @@ from dvr_jax.logic import Action, Grounding, enumerate_sequences
 from dvr_jax.scene.types import Goal, Region, Scene, SceneObject
 from dvr_jax.search.node import Node
 from dvr_jax.search.reasoning import DISCOUNT, GROWTH, LARGEST_BATCH, THRESHOLD
-from dvr_jax.search.run import EXHAUSTED, SOLVED, Outcome, Run
+from dvr_jax.search.session import Outcome, Run
 from dvr_jax.search.searches import steps_of
+from dvr_jax.search.status import PlanStatus
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import Steps, run_alone
 
@@ -64,7 +65,7 @@ class OracleRun(Run):
     def try_leaves(self, leaves: list[Node]) -> Steps[Outcome | None]:
         for leaf in leaves:
             if leaf.actions in self.tree.solvable:
-                return Outcome(SOLVED, leaf, None)
+                return Outcome(PlanStatus.SOLVED, leaf, None)
         return None
         yield
 
@@ -117,7 +118,7 @@ def test_it_solves_what_breadth_first_search_solves(search: str, guess: str, ver
     possible, solvable = verdict
     expected = solve("bfs", Oracle(possible, solvable)).status
     found = solve(search, Oracle(possible, solvable), Guess(GUESSES[guess]))
-    assert found.status == expected == (SOLVED if solvable else EXHAUSTED)
+    assert found.status == expected == (PlanStatus.SOLVED if solvable else PlanStatus.EXHAUSTED)
     assert found.node is None or found.node.actions in solvable
 
 
@@ -237,7 +238,7 @@ def test_leaves_are_tried_from_the_best_on_and_in_growing_batches() -> None:
     order = {sequence: 0.99 * (1 - number / len(SEQUENCES)) for number, sequence in enumerate(reversed(SEQUENCES))}
     script = Script(lambda actions: order.get(actions, 0.995))
     outcome, tried = follow("dvr", Oracle(SEQUENCES, []), script)
-    assert outcome.status == EXHAUSTED
+    assert outcome.status == PlanStatus.EXHAUSTED
     assert {sequence for batch in tried for sequence in batch} == set(SEQUENCES)
     assert [len(batch) for batch in tried][:4] == [1, GROWTH, GROWTH**2, LARGEST_BATCH]
     for batch in tried:

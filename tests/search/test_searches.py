@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from dvr_jax.cli.plan import write_plan
 from dvr_jax.errors import DvrError
 from dvr_jax.planning.planner import Plan, plan
 from dvr_jax.scene.types import DEFAULT_HOME, Goal, Region, Scene, SceneObject
+from dvr_jax.search.status import PlanStatus
 
 REGION = Region((-0.35, -0.25), 0.2, (0.2, 0.2))
 
@@ -71,9 +71,10 @@ def test_an_arm_in_collision_at_home_is_refused_before_anything_is_compiled(monk
 
 def test_a_plan_takes_the_place_of_another_that_was_found(plans: dict[str, Plan], tmp_path: Path) -> None:
     result = plans["mbts"]
-    write_plan(tmp_path, result, animation=False)
+    result.save(tmp_path, animation=False)
     assert {"trajectory.npz", "film.png"} < {path.name for path in tmp_path.iterdir()}
-    write_plan(tmp_path, replace(result, status="tree exhausted", actions=(), motion=None, report=None), False)
+    none_found = replace(result, status=PlanStatus.EXHAUSTED, actions=(), motion=None, report=None)
+    none_found.save(tmp_path, animation=False)
     assert {path.name for path in tmp_path.iterdir()} == {"plan.json", "scene.xml", "depth.png"}
 
 

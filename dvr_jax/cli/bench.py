@@ -1,0 +1,78 @@
+"""Command line `python -m dvr_jax.bench NAME`: run one benchmark, or write the figures that benchmarks measured."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from dvr_jax.errors import DvrError, run_command
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """One benchmark of the command line."""
+
+    module: str
+    """Module of `dvr_jax.bench` whose function `run` takes the arguments and returns the exit code.
+
+    It is imported only when it is needed, so that the list of benchmarks is there at once.
+    """
+    summary: str
+    """One line for the list of benchmarks."""
+
+
+BENCHMARKS: dict[str, Benchmark] = {
+    "table1": Benchmark("table_one", "the paper's Table I: number of sequences by objects and length"),
+    "scenes": Benchmark("scenes", "plan sampled scenes by one search: solved share, lengths, times"),
+    "search": Benchmark("search", "plan the same scenes by several searches: the paper's main figures"),
+    "recall": Benchmark("recall", "the solver's verdicts against those of the frozen problems"),
+    "oracle": Benchmark("problem_drawing", "draw such problems, each judged from 64 random starts (hours)"),
+    "labels": Benchmark("labels", "labels of a sweep against 64 random starts (hours)"),
+    "dataset": Benchmark("dataset", "labels and training targets of folders of shards, beside the paper's"),
+    "speed": Benchmark("speed", "times of a slice's system, of keyframes and of paths"),
+    "compare": Benchmark("compare", "those times of this checkout and of another one, in turn"),
+    "drawn": Benchmark("drawn", "how deep drawn links get into what plans keep their capsules clear of"),
+    "peers": Benchmark("peers", "the same problems solved by `robotic`"),
+    "report": Benchmark("report", "write the figures in README.md and docs/ from the committed results"),
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the benchmark that is named.
+
+    Args:
+        arguments: name and options of the benchmark; by default those of the process.
+
+    Returns:
+        The exit code.
+
+    Raises:
+        DvrError: There is no benchmark of this name.
+    """
+    given = list(sys.argv[1:] if arguments is None else arguments)
+
+    if not given or given[0] in ("-h", "--help"):
+        print_help()
+        return 0
+
+    name = given[0]
+    if name not in BENCHMARKS:
+        raise DvrError(f"there is no benchmark '{name}'; valid: {', '.join(BENCHMARKS)}.")
+
+    benchmark = BENCHMARKS[name]
+    module = importlib.import_module(f"dvr_jax.bench.{benchmark.module}")
+    exit_code: int = module.run(given[1:])
+    return exit_code
+
+
+def print_help() -> None:
+    """Print the list of benchmarks."""
+    print("usage: python -m dvr_jax.bench NAME [OPTIONS]; NAME --help lists a benchmark's options\n")
+    for name, benchmark in BENCHMARKS.items():
+        print(f"  {name:<8} {benchmark.summary}")
+
+
+if __name__ == "__main__":
+    run_command(main)

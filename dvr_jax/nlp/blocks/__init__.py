@@ -1,0 +1,44 @@
+"""The blocks of constraints, one file each; the tuple `CONSTRAINT_BLOCKS` is the NLP."""
+
+from dvr_jax.nlp.blocks.block import (
+    ConstraintBlock,
+    ConstraintKind,
+    Evaluation,
+    EvaluationInput,
+    Horizon,
+    Measure,
+    SwitchGeometry,
+)
+from dvr_jax.nlp.blocks.collision import COLLISION
+from dvr_jax.nlp.blocks.footprint import FOOTPRINT
+from dvr_jax.nlp.blocks.joint_limit import JOINT_LIMIT
+from dvr_jax.nlp.blocks.mode_switch import MODE_SWITCH
+from dvr_jax.nlp.blocks.parameter_bound import PARAMETER_BOUND
+from dvr_jax.nlp.blocks.rest import REST
+
+CONSTRAINT_BLOCKS: tuple[ConstraintBlock, ...] = (
+    COLLISION,
+    MODE_SWITCH,
+    REST,
+    JOINT_LIMIT,
+    PARAMETER_BOUND,
+    FOOTPRINT,
+)
+"""All constraints of a skeleton, in the order in which their rows are kept."""
+
+__all__ = [
+    "COLLISION",
+    "CONSTRAINT_BLOCKS",
+    "FOOTPRINT",
+    "JOINT_LIMIT",
+    "MODE_SWITCH",
+    "PARAMETER_BOUND",
+    "REST",
+    "ConstraintBlock",
+    "ConstraintKind",
+    "Evaluation",
+    "EvaluationInput",
+    "Horizon",
+    "Measure",
+    "SwitchGeometry",
+]

@@ -1,0 +1,82 @@
+"""The cost of one NLP: squared accelerations, and a weak pull to a given posture.
+
+With the second differences ``a_t = q_t - 2 q_{t-1} + q_{t-2}`` of a path that starts at the home posture at rest, the
+targets r_t and weights w_t of the regularization,
+
+    cost = 1/2 sum_t w_t (q_t - r_t)^2  +  1/2 ACCELERATION_WEIGHT sum_t a_t^2        (the second sum for paths only).
+"""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from dvr_jax.geometry.arrays import Array
+from dvr_jax.nlp.problem import Problem, Variables
+from dvr_jax.nlp.system import SystemParts
+
+ACCELERATION_WEIGHT = 1.0
+"""Cost of a squared second difference [1/rad^2]."""
+
+
+def accelerations(problem: Problem, q: Float[Array, "slices joints"]) -> Float[Array, "slices joints"]:
+    """Second differences of a path that starts at home at rest [rad/slice^2].
+
+    Args:
+        problem: The NLP, without batch axes.
+        q: Joint angles [rad].
+    """
+    extended = jnp.concatenate([jnp.broadcast_to(problem.home, (2, q.shape[1])), q])
+    return extended[2:] - 2 * extended[1:-1] + extended[:-2]
+
+
+def cost(problem: Problem, x: Variables) -> Float[Array, ""]:
+    """Half the sum of all squared costs.
+
+    Args:
+        problem: The NLP, without batch axes.
+        x: Its variables.
+    """
+    value = 0.5 * jnp.sum(problem.regularization_weight * (x.q - problem.regularization_target) ** 2)
+    if x.q.shape[0] > x.m.shape[0]:
+        value += 0.5 * ACCELERATION_WEIGHT * jnp.sum(accelerations(problem, x.q) ** 2)
+    return value
+
+
+def add_cost(parts: SystemParts, problem: Problem, x: Variables, gradient_scale: Float[Array, ""]) -> SystemParts:
+    """Add the cost to a Gauss-Newton system, which is exact for it.
+
+    Args:
+        parts: The system so far.
+        problem: The NLP, without batch axes.
+        x: Its variables.
+        gradient_scale: Factor of the cost's gradient; its Hessian is added as it is.
+    """
+    weight = problem.regularization_weight
+    diagonal = parts.joint_diagonal + weight
+    gradient = parts.gradient_q + gradient_scale * weight * (x.q - problem.regularization_target)
+    T, D = x.q.shape
+    if x.m.shape[0] == T:
+        return parts._replace(joint_diagonal=diagonal, gradient_q=gradient)
+
+    # The gradient of the accelerations is D^T a: each slice takes part in three second differences.
+    a = gradient_scale * accelerations(problem, x.q)
+    ahead = jnp.concatenate([a, jnp.zeros((2, D), a.dtype)])
+    gradient += ACCELERATION_WEIGHT * (a - 2 * ahead[1:-1] + ahead[2:])
+    own, first, second = (ACCELERATION_WEIGHT * band[:, None] for band in _acceleration_bands(T))
+    return parts._replace(
+        joint_diagonal=diagonal + own,
+        coupling_diagonal=parts.coupling_diagonal + first,
+        far_coupling=parts.far_coupling + second,
+        gradient_q=gradient,
+    )
+
+
+def _acceleration_bands(T: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Diagonal, first and second sub-diagonal of D^T D for the second differences D, each (T,)."""
+    D = np.eye(T) - 2 * np.eye(T, k=-1) + np.eye(T, k=-2)
+    H = D.T @ D
+    first = np.concatenate([[0.0], np.diag(H, -1)])
+    second = np.concatenate([[0.0, 0.0], np.diag(H, -2)])
+    return np.diag(H).copy(), first, second

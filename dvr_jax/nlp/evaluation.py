@@ -1,0 +1,269 @@
+"""All constraint blocks of a batch of NLPs together: their rows, their violations, their Gauss-Newton system.
+
+What "feasible" means is decided here: every violation of every block, in meters and radians, is within its tolerance. Solver,
+data set, search and benchmarks all use this. The largest single violation counts, never a sum of scaled terms: such a sum
+grows with the horizon. A path is feasible only if its motion between the samples is too
+(`dvr_jax.solver.continuous_collision`), and a motion is a solution only if the independent check accepts it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from dvr_jax.geometry.arrays import Array
+from dvr_jax.modes.mode import PARAMETERS, HandPoses
+from dvr_jax.nlp.blocks import (
+    COLLISION,
+    CONSTRAINT_BLOCKS,
+    ConstraintBlock,
+    ConstraintKind,
+    Evaluation,
+    EvaluationInput,
+    Horizon,
+    SwitchGeometry,
+)
+from dvr_jax.nlp.collision_rows import number_of_rows
+from dvr_jax.nlp.cost import add_cost
+from dvr_jax.nlp.problem import Problem, Variables
+from dvr_jax.nlp.slices import NormalEquations, SliceGeometry
+from dvr_jax.nlp.system import BorderedSystem, SystemParts, assemble
+from dvr_jax.workcell.model import WorkcellModel
+
+Violations = dict[str, Array]
+"""Largest violation of each measure of each block, zero or positive, by the measure's name."""
+
+Evaluations = dict[str, Evaluation]
+"""Rows of each block, by the block's name."""
+
+TOLERANCES: dict[str, float] = {
+    measure.name: measure.tolerance for block in CONSTRAINT_BLOCKS for measure in block.measures
+}
+"""Largest violation of a feasible point, by the measure's name."""
+
+
+class FlatResiduals(NamedTuple):
+    """Something for every row of one NLP, in three arrays: every array costs kernels of its own."""
+
+    collision: Any
+    """Of the distances (T', P)."""
+
+    equality: Any
+    """Of all equalities, one block after the other."""
+
+    inequality: Any
+    """Of all other inequalities, one block after the other."""
+
+
+EQUALITIES = FlatResiduals(collision=False, equality=True, inequality=False)
+"""Which rows are equalities."""
+
+
+def horizon_of(model: WorkcellModel, problems: Problem, x: Variables) -> Horizon:
+    """Sizes of an NLP, with or without batch axes.
+
+    Args:
+        model: Arms of the workcell.
+        problems: One or more problems.
+        x: Their variables.
+    """
+    rows = number_of_rows(model.structure, problems.prism.shape[-2], problems.fixed_prism.shape[-2])
+    return Horizon(
+        slices=x.q.shape[-2],
+        phases=x.m.shape[-2],
+        samples=problems.sample_fraction.shape[-1],
+        joints=x.q.shape[-1],
+        collision_rows=rows,
+    )
+
+
+def evaluate_constraints(model: WorkcellModel, problems: Problem, x: Variables, geometry: SliceGeometry) -> Evaluations:
+    """Evaluate all blocks of a batch of B problems.
+
+    Args:
+        model: Arms of the workcell.
+        problems: A batch of problems.
+        x: Their variables.
+        geometry: Distances, hands and screws of their L slices (`dvr_jax.nlp.layout.lay_out`).
+    """
+    B, K = x.m.shape[:2]
+    samples = geometry.distance.shape[0] // B
+
+    def at_switch(value: Array) -> Array:
+        """(..., L) to (..., B K)."""
+        by_problem = value.reshape(*value.shape[:-1], B, samples)
+        at_ends = by_problem[..., samples // K - 1 :: samples // K]
+        return at_ends.reshape(*value.shape[:-1], B * K)
+
+    given = EvaluationInput(
+        problems=problems,
+        x=x,
+        distance=geometry.distance.reshape(B, samples, -1),
+        switches=SwitchGeometry(
+            HandPoses(at_switch(geometry.hands.rotation), at_switch(geometry.hands.position)),
+            at_switch(geometry.screws),
+        ),
+        joint_limits=jnp.tile(model.joint_limits, (1, model.structure.number_of_arms)),
+    )
+    return {block.name: block.evaluate(given) for block in CONSTRAINT_BLOCKS}
+
+
+def violations_of(evaluations: Evaluations) -> Violations:
+    """Largest violation of each measure (B,) [m or rad]."""
+    violations: Violations = {}
+    for block in CONSTRAINT_BLOCKS:
+        values = evaluations[block.name].violation
+        violations.update(zip((measure.name for measure in block.measures), values, strict=True))
+    return violations
+
+
+def relative_violation(violations: Violations) -> Float[Array, "*batch"]:
+    """The largest violation as a multiple of its tolerance: feasible where it is at most 1."""
+    ratios = [value / TOLERANCES[name] for name, value in violations.items()]
+    # On the host single lanes are judged, where NumPy is a hundred times faster.
+    xp: Any = jnp if isinstance(ratios[0], jax.Array) else np
+    largest = xp.stack(ratios).max(axis=0)
+    return xp.where(xp.isnan(largest), xp.inf, largest)
+
+
+def flatten(rows: Mapping[str, Array]) -> FlatResiduals:
+    """Rows of one NLP by block name, as three arrays."""
+    parts: dict[ConstraintKind, list[Array]] = {kind: [] for kind in ConstraintKind}
+    for block in _flat_blocks():
+        parts[block.kind].append(rows[block.name].reshape(-1))
+    return FlatResiduals(
+        rows[COLLISION.name],
+        jnp.concatenate(parts[ConstraintKind.EQUALITY]),
+        jnp.concatenate(parts[ConstraintKind.INEQUALITY]),
+    )
+
+
+def unflatten(flat: FlatResiduals, horizon: Horizon) -> dict[str, Array]:
+    """Rows of one NLP by block name: the inverse of `flatten`.
+
+    Args:
+        flat: Something for every row.
+        horizon: Sizes of the NLP.
+    """
+    rows: dict[str, Array] = {COLLISION.name: flat.collision}
+    for kind, values in ((ConstraintKind.EQUALITY, flat.equality), (ConstraintKind.INEQUALITY, flat.inequality)):
+        blocks = [block for block in _flat_blocks() if block.kind is kind]
+        rows.update(_cut(values, blocks, horizon))
+    return rows
+
+
+def _flat_blocks() -> list[ConstraintBlock]:
+    """The blocks whose rows are kept side by side in one array for each kind."""
+    return [block for block in CONSTRAINT_BLOCKS if block is not COLLISION]
+
+
+def _cut(values: Array, blocks: Sequence[ConstraintBlock], horizon: Horizon) -> dict[str, Array]:
+    shapes = [block.shape(horizon) for block in blocks]
+    ends = np.cumsum([math.prod(shape) for shape in shapes])[:-1]
+    pieces = jnp.split(values, ends)
+    return {block.name: piece.reshape(shape) for block, piece, shape in zip(blocks, pieces, shapes, strict=True)}
+
+
+def number_of_flat_rows(horizon: Horizon) -> FlatResiduals:
+    """Shapes of the three arrays of one NLP."""
+
+    def count(kind: ConstraintKind) -> int:
+        return sum(math.prod(block.shape(horizon)) for block in _flat_blocks() if block.kind is kind)
+
+    return FlatResiduals(
+        COLLISION.shape(horizon),
+        (count(ConstraintKind.EQUALITY),),
+        (count(ConstraintKind.INEQUALITY),),
+    )
+
+
+def row_scales(horizon: Horizon, dtype: jnp.dtype) -> FlatResiduals:
+    """Penalty of each row relative to the common one.
+
+    Args:
+        horizon: Sizes of the NLP.
+        dtype: Type of the numbers.
+    """
+
+    def of_kind(kind: ConstraintKind) -> Array:
+        blocks = [block for block in _flat_blocks() if block.kind is kind]
+        scales = [np.broadcast_to(block.scale(horizon), block.shape(horizon)).reshape(-1) for block in blocks]
+        return jnp.asarray(np.concatenate(scales), dtype)
+
+    return FlatResiduals(
+        jnp.asarray(COLLISION.scale(horizon), dtype),
+        of_kind(ConstraintKind.EQUALITY),
+        of_kind(ConstraintKind.INEQUALITY),
+    )
+
+
+def gauss_newton_system(
+    problem: Problem,
+    x: Variables,
+    jacobians: Mapping[str, Any],
+    multiplier_estimate: Mapping[str, Array],
+    active_penalty: Mapping[str, Array],
+    gradient_scale: Float[Array, ""] | float = 1.0,
+) -> BorderedSystem:
+    """Gauss-Newton system of the augmented Lagrangian of one NLP.
+
+    Args:
+        problem: The NLP, without batch axes.
+        x: The point at which it is taken.
+        jacobians: Derivatives of each block's rows, by block name; for the collisions the `NormalEquations` of the samples.
+        multiplier_estimate: Derivative of the Lagrangian by each row, by block name.
+        active_penalty: Penalty of each row where it is active, else 0.
+        gradient_scale: Factor of the costs' gradient, whose Hessian stays as it is.
+    """
+    T, D = x.q.shape
+    K = len(x.m)
+    M = PARAMETERS * K
+    dtype = x.q.dtype
+    parts = SystemParts(
+        blocks=jnp.zeros((T, D, D), dtype),
+        joint_diagonal=jnp.zeros((T, D), dtype),
+        coupling=jnp.zeros((T, D, D), dtype),
+        coupling_diagonal=jnp.zeros((T, D), dtype),
+        far_coupling=jnp.zeros((T, D), dtype),
+        border=jnp.zeros((T, D, M), dtype),
+        corner=jnp.zeros((M, M), dtype),
+        gradient_q=jnp.zeros((T, D), dtype),
+        gradient_m=jnp.zeros(M, dtype),
+    )
+    for block in CONSTRAINT_BLOCKS:
+        name = block.name
+        parts = block.add_to_system(
+            parts,
+            problem,
+            x,
+            jacobians[name],
+            multiplier_estimate[name],
+            active_penalty[name],
+        )
+    parts = add_cost(parts, problem, x, jnp.asarray(gradient_scale, dtype))
+    return assemble(parts, problem, is_path=T > K)
+
+
+__all__ = [
+    "EQUALITIES",
+    "TOLERANCES",
+    "Evaluations",
+    "FlatResiduals",
+    "NormalEquations",
+    "Violations",
+    "evaluate_constraints",
+    "flatten",
+    "gauss_newton_system",
+    "horizon_of",
+    "number_of_flat_rows",
+    "relative_violation",
+    "row_scales",
+    "unflatten",
+    "violations_of",
+]

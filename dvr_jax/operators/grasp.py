@@ -1,0 +1,216 @@
+"""The operator "grasp": an empty hand takes an object that stands, or that another arm holds (a handover)."""
+
+from __future__ import annotations
+
+import math
+
+import jax.numpy as jnp
+from jaxtyping import Float
+
+from dvr_jax.geometry.arrays import Array
+from dvr_jax.geometry.vectors import compose, materialize, rotation_about_z, vector
+from dvr_jax.logic import Action, shipped_action
+from dvr_jax.modes.held import GraspFrame, grasp_frame
+from dvr_jax.modes.mode import ModeKind
+from dvr_jax.operators.operator import FREE, ModeSwitch, ObjectMode, Operator, Parameter, SkeletonState
+from dvr_jax.operators.proposal import (
+    BeamStep,
+    ObjectBefore,
+    Proposal,
+    ProposedPoses,
+    held_frame,
+    of_item,
+    world_gripper,
+)
+from dvr_jax.runtime.compilation import Program
+from dvr_jax.scene.types import Scene, SceneObject
+from dvr_jax.shapes import FACES
+
+GRASP_MARGIN = 0.01
+"""How far inside the object the gripper's center stays [m]."""
+
+PITCH_LIMIT = 2.2
+"""Largest tilt of the approach from straight down, either way [rad]: past the horizontal, as handovers need."""
+
+PITCH_RANGE = 1.75
+"""Largest tilt of a proposed approach from straight down [rad]: 10 degrees past the horizontal."""
+
+LARGEST_GRASP = (1e3, 1e3, PITCH_RANGE, math.pi)
+"""Largest mode parameters of a proposed grasp, where its own bounds are wider [m, m, rad, rad]."""
+
+MEETING_ALONG = 0.25
+"""Objects are handed over within this distance of the meeting region's center, along the line through both bases [m]."""
+
+MEETING_ACROSS = 0.4
+"""The same across that line [m]."""
+
+MEETING_HEIGHT = (0.15, 0.6)
+"""Heights at which objects are handed over [m]."""
+
+MEETING_TILT = 0.8
+"""Largest tilt of an object that is handed over [rad]."""
+
+SIBLING_PENALTY = 0.01
+"""By how much a further child of the same parent must be better [m]. A grasp decides what can be reached later, so its
+variety is worth more penetration than a placement's."""
+
+
+def _face_and_object(scene: Scene, action: Action) -> tuple[str, SceneObject]:
+    _, face, name = action.arguments
+    return face, scene.objects[scene.object_index(name)]
+
+
+def _room(item: SceneObject, face: str) -> tuple[float, float]:
+    """Half ranges of the gripper's center along the face's tangent and along the object's axis [m]."""
+    tangent = item.kind.tangent_half_extent(item.size, face) - GRASP_MARGIN
+    # Where faces cannot be told apart, the closing axis passes through the object's own: there is no room beside it.
+    along = tangent if item.kind.has_faces else min(0.0, tangent)
+    return along, item.half_extents[2] - GRASP_MARGIN
+
+
+def _refute(scene: Scene, action: Action) -> str | None:
+    face, item = _face_and_object(scene, action)
+    width = item.kind.grip_width(item.size, face)
+    opening = scene.workcell.robot.maximum_opening
+    if width > opening:
+        return f"{item.name} is {100 * width:.1f} cm wide at its {face} face, the gripper opens {100 * opening:.0f} cm"
+
+    if min(_room(item, face)) < 0:
+        margin = f"{100 * GRASP_MARGIN:.0f} cm"
+        return f"{item.name} is too small to hold the gripper's center with its margin of {margin}"
+    return None
+
+
+def _is_duplicate(scene: Scene, action: Action) -> bool:
+    """The faces of a cylinder are not told apart: a grasp at +x, whose yaw is free, stands for all four."""
+    face, item = _face_and_object(scene, action)
+    return not item.kind.has_faces and face != FACES[0]
+
+
+def _switch(state: SkeletonState, action: Action) -> ModeSwitch:
+    scene = state.scene
+    face, item = _face_and_object(scene, action)
+    arm = scene.workcell.arm_index(action.arguments[0])
+    index = scene.object_index(item.name)
+    before = state.modes[index]
+    tangent, height = _room(item, face)
+    yaw_room = 0.0 if item.kind.has_faces else FREE
+
+    # In a handover the giving arm rests too, and opens its fingers.
+    opening = list(state.finger_opening)
+    arms_at_rest = {arm}
+    if before.kind == ModeKind.HELD:
+        opening[before.parent] = scene.workcell.robot.finger_travel
+        arms_at_rest.add(before.parent)
+    opening[arm] = item.kind.grip_width(item.size, face) / 2
+
+    return ModeSwitch(
+        item=index,
+        acting_arm=arm,
+        arms_at_rest=frozenset(arms_at_rest),
+        mode=ObjectMode(ModeKind.HELD, arm),
+        lower=(-tangent, -height, -PITCH_LIMIT, -yaw_room),
+        upper=(tangent, height, PITCH_LIMIT, yaw_room),
+        finger_opening=tuple(opening),
+        closing_yaw=FACES.index(face) * math.pi / 2,
+    )
+
+
+def _sample_grasp(step: BeamStep, u: Array) -> tuple[Array, GraspFrame]:
+    """Mode parameters (4, M, B, J) within their bounds, and the gripper in the object's frame."""
+    widest = jnp.asarray(LARGEST_GRASP, u.dtype)
+    low = jnp.clip(step.parameter_lower, -widest, widest).T[..., None, None]
+    high = jnp.clip(step.parameter_upper, -widest, widest).T[..., None, None]
+    m = materialize(low + (high - low) * u[:4, None])
+    return m, materialize(grasp_frame(m, step.closing_yaw[:, None, None]))
+
+
+@Program
+def propose_grasp(
+    step: BeamStep, before: ObjectBefore, u: Float[Array, "numbers candidates proposals"]
+) -> ProposedPoses:
+    """Propose grasps of a standing object, evenly within the bounds of the mode parameters.
+
+    Args:
+        step: The action of each prefix.
+        before: How its object is attached before.
+        u: Uniform numbers.
+    """
+    m, frame = _sample_grasp(step, u)
+
+    # The object stands where the scene has it, or where an earlier action has placed it.
+    is_fixed = (before.kind == ModeKind.FIXED)[:, None, None]
+    placed_at = jnp.moveaxis(before.parameters, -1, 0)[..., None]
+    x, y, z, yaw = (of_item(step.initial_pose[..., i], step) for i in range(4))
+    yaw = jnp.where(is_fixed, yaw, placed_at[2])
+    R = rotation_about_z(*materialize((jnp.cos(yaw), jnp.sin(yaw))))
+    p = vector(jnp.where(is_fixed, x, placed_at[0]), jnp.where(is_fixed, y, placed_at[1]), z)
+
+    rotation, position = world_gripper(R, p, frame, m.shape[1:])
+    return ProposedPoses(m, rotation[None], position[None], jnp.zeros_like(m[0]))
+
+
+@Program
+def propose_handover(
+    step: BeamStep, before: ObjectBefore, u: Float[Array, "numbers candidates proposals"]
+) -> ProposedPoses:
+    """Propose grasps of an object that another arm holds: where they meet is free, within reach of both.
+
+    Args:
+        step: The action of each prefix.
+        before: How the giving gripper holds the object.
+        u: Uniform numbers.
+    """
+    m, taker = _sample_grasp(step, u)
+
+    # The object's position: a box around the meeting region's center, aligned with the line through both bases.
+    along = -MEETING_ALONG + 2 * MEETING_ALONG * u[4]
+    across = -MEETING_ACROSS + 2 * MEETING_ACROSS * u[5]
+    height = MEETING_HEIGHT[0] + (MEETING_HEIGHT[1] - MEETING_HEIGHT[0]) * u[6]
+    axis_x, axis_y = (step.meeting_axis[:, None, None, i] for i in range(2))
+    center_x, center_y = (step.meeting_center[:, None, None, i] for i in range(2))
+    p = vector(
+        center_x + (axis_x * along - axis_y * across),
+        center_y + (axis_y * along + axis_x * across),
+        height[None],
+    )
+
+    # Its orientation: turned by a yaw, then tilted about a horizontal axis.
+    yaw = 2 * math.pi * u[7]
+    axis = 2 * math.pi * u[8]
+    angles = jnp.stack([axis, MEETING_TILT * u[9], yaw - axis])
+    (ca, ct, cy), (sa, st, sy) = materialize((jnp.cos(angles), jnp.sin(angles)))
+    zero = jnp.zeros_like(ca)
+    tilt = jnp.stack([vector(zero + 1, zero, zero), vector(zero, ct, st), vector(zero, -st, ct)])
+    R = compose(materialize(compose(rotation_about_z(ca, sa), tilt)), rotation_about_z(cy, sy))
+    R = materialize(R)[:, :, None]
+
+    shape = m.shape[1:]
+    hands = [world_gripper(R, p, frame, shape) for frame in (taker, held_frame(before))]
+    rotations, positions = zip(*hands, strict=True)
+    return ProposedPoses(m, jnp.stack(rotations), jnp.stack(positions), jnp.zeros_like(m[0]))
+
+
+STANDING_GRASP = Proposal("grasp", propose_grasp, SIBLING_PENALTY)
+"""How a grasp of a standing object is sampled."""
+
+HANDOVER = Proposal("handover", propose_handover, SIBLING_PENALTY)
+"""How a grasp of an object in another gripper is sampled."""
+
+
+def _proposal(before: ModeKind) -> Proposal:
+    return HANDOVER if before == ModeKind.HELD else STANDING_GRASP
+
+
+GRASP = Operator(
+    name="grasp",
+    parameters=(Parameter.ARM, Parameter.FACE, Parameter.OBJECT),
+    pddl=shipped_action("grasp"),
+    phrase="{0} grasps {2} at its {1} face",
+    mode_after=ModeKind.HELD,
+    refute=_refute,
+    is_duplicate=_is_duplicate,
+    switch=_switch,
+    proposal=_proposal,
+)
+"""An empty hand takes an object at one of its side faces."""

@@ -1,0 +1,194 @@
+"""The operator "place": an arm puts the object that it holds upright onto the table or onto a region of the goal."""
+
+from __future__ import annotations
+
+import math
+
+import jax.numpy as jnp
+from jaxtyping import Float
+
+from dvr_jax.geometry.arrays import Array
+from dvr_jax.geometry.footprint import Rectangle, fits
+from dvr_jax.geometry.vectors import materialize, rotation_about_z, vector
+from dvr_jax.logic import Action, shipped_action
+from dvr_jax.modes.mode import ModeKind
+from dvr_jax.operators.operator import FREE, ModeSwitch, ObjectMode, Operator, Parameter, SkeletonState
+from dvr_jax.operators.proposal import (
+    BeamStep,
+    ObjectBefore,
+    Proposal,
+    ProposedPoses,
+    held_frame,
+    of_arm,
+    of_item,
+    world_gripper,
+)
+from dvr_jax.runtime.compilation import Program
+from dvr_jax.scene.types import Scene
+
+TABLE_SUPPORT = "table"
+"""Constant of the PDDL domain that stands for the table."""
+
+OVERHANG_TOLERANCE = 1e-3
+"""A footprint may stick out of its support by this much on each side [m]: the tolerance of the NLP."""
+
+PLACING_RADIUS = (0.3, 0.8)
+"""Distances from its base at which an arm is proposed to put things on the table [m]."""
+
+PLACING_ANGLE = 1.6
+"""Largest angle from straight ahead, either way, at which it does [rad]."""
+
+LARGE_SUPPORT = 0.5
+"""Half extent from which on a support is larger than an arm's reach [m]."""
+
+SIBLING_PENALTY = 0.003
+"""By how much a further child of the same parent must be better [m]."""
+
+
+def support_rectangle(scene: Scene, support: str) -> Rectangle:
+    """Rectangle of a support of a scene.
+
+    Args:
+        scene: A valid scene.
+        support: "table", or a support that the goal names.
+    """
+    if support == TABLE_SUPPORT:
+        return Rectangle((0.0, 0.0), scene.workcell.table.half_extents, 0.0)
+    return scene.goal.supports()[support]
+
+
+def _refute(scene: Scene, action: Action) -> str | None:
+    _, name, support = action.arguments
+    if support == TABLE_SUPPORT:
+        return None
+
+    rectangle = support_rectangle(scene, support)
+    width, depth = (2 * half for half in rectangle.half)
+    spare = 2 * OVERHANG_TOLERANCE
+    footprint = scene.objects[scene.object_index(name)].footprint
+    if fits(footprint, (width + spare, depth + spare)):
+        return None
+    return f"{name} does not fit on the {support} region of {100 * width:.1f} x {100 * depth:.1f} cm"
+
+
+def _is_duplicate(scene: Scene, action: Action) -> bool:
+    return False
+
+
+def _switch(state: SkeletonState, action: Action) -> ModeSwitch:
+    arm_name, name, support = action.arguments
+    arm = state.scene.workcell.arm_index(arm_name)
+    opening = list(state.finger_opening)
+    opening[arm] = state.scene.workcell.robot.finger_travel
+    return ModeSwitch(
+        item=state.scene.object_index(name),
+        acting_arm=arm,
+        arms_at_rest=frozenset({arm}),
+        mode=ObjectMode(ModeKind.PLACED),
+        lower=(-FREE, -FREE, -FREE, 0.0),
+        upper=(FREE, FREE, FREE, 0.0),
+        finger_opening=tuple(opening),
+        support=support_rectangle(state.scene, support),
+    )
+
+
+@Program
+def propose_place(
+    step: BeamStep, before: ObjectBefore, u: Float[Array, "numbers candidates proposals"]
+) -> ProposedPoses:
+    """Propose placements of a held object: inside the support's rectangle, and on a large one within the arm's reach.
+
+    Args:
+        step: The action of each prefix.
+        before: How the gripper holds the object.
+        u: Uniform numbers.
+    """
+    support = [step.support[:, None, None, i] for i in range(5)]
+    prism = [of_item(step.prism[..., i], step) for i in range(4)]
+
+    # On a region that the object barely fits, only yaws along its sides are possible: half of the proposals use them.
+    turn = jnp.where(u[1] < 0.5, jnp.floor(4 * u[0]) * (math.pi / 2), 2 * math.pi * u[0])
+    spare_x, spare_y = _spare_room(support, prism, turn)
+    room_x = jnp.maximum(spare_x, 0)
+    room_y = jnp.maximum(spare_y, 0)
+    # An object that does not fit at this yaw sticks out on both sides.
+    overhang = jnp.maximum(-spare_x, 0) + jnp.maximum(-spare_y, 0)
+
+    # Position in the support's frame: anywhere on a small support, in front of the arm on a large one.
+    ahead_x, ahead_y = _ahead_of_arm(step, u, support)
+    is_large = support[3] > LARGE_SUPPORT
+    along_x = jnp.where(is_large, jnp.clip(ahead_x, -room_x, room_x), (2 * u[2] - 1) * room_x)
+    along_y = jnp.where(is_large, jnp.clip(ahead_y, -room_y, room_y), (2 * u[3] - 1) * room_y)
+
+    # And in the world.
+    c = jnp.cos(support[2])
+    s = jnp.sin(support[2])
+    x = support[0] + c * along_x - s * along_y
+    y = support[1] + s * along_x + c * along_y
+    x, y, yaw = materialize((x, y, jnp.broadcast_to(turn + support[2], x.shape)))
+    R = rotation_about_z(*materialize((jnp.cos(yaw), jnp.sin(yaw))))
+    shape = (*x.shape[:1], before.parameters.shape[1], *x.shape[2:])
+    R, p = world_gripper(R, vector(x, y, prism[2]), held_frame(before), shape)
+
+    m = jnp.stack(jnp.broadcast_arrays(x, y, yaw, jnp.zeros_like(x)))
+    return ProposedPoses(
+        jnp.broadcast_to(m, (4, *shape)),
+        R[None],
+        p[None],
+        jnp.broadcast_to(overhang, shape),
+    )
+
+
+def _spare_room(support: list[Array], prism: list[Array], turn: Array) -> tuple[Array, Array]:
+    """How far the center may be from the support's middle along both of its sides [m]; negative: it does not fit."""
+    c = jnp.abs(jnp.cos(turn))
+    s = jnp.abs(jnp.sin(turn))
+    spare_x = support[3] - (c * prism[0] + s * prism[1] + prism[3])
+    spare_y = support[4] - (s * prism[0] + c * prism[1] + prism[3])
+    return spare_x, spare_y
+
+
+def _ahead_of_arm(step: BeamStep, u: Array, support: list[Array]) -> tuple[Array, Array]:
+    """Positions in front of the acting arm's base, evenly over a ring sector, in the support's frame [m]."""
+    base = of_arm(step.base_position, step.acting_arm)
+    rotation = of_arm(step.base_rotation, step.acting_arm)
+    near, far = PLACING_RADIUS
+    radius = jnp.sqrt(near**2 + u[2] * (far**2 - near**2))
+    angle = (2 * u[3] - 1) * PLACING_ANGLE
+
+    # The lateral axis is turned to +y, or to +x where the arm looks along y: arms that are mirror images of each other
+    # get proposals that are mirror images.
+    forward = rotation[:, :, 0]
+    lateral = rotation[:, :, 1]
+    sign = jnp.where(lateral[:, 0] + lateral[:, 1] < 0, -1, 1)[:, None]
+    lateral = sign * lateral
+    offsets = [
+        forward[:, i, None, None] * jnp.cos(angle) + lateral[:, i, None, None] * jnp.sin(angle) for i in range(2)
+    ]
+    from_x, from_y = (base[:, i, None, None] + radius * offsets[i] - support[i] for i in range(2))
+
+    c = jnp.cos(support[2])
+    s = jnp.sin(support[2])
+    return c * from_x + s * from_y, c * from_y - s * from_x
+
+
+PLACEMENT = Proposal("place", propose_place, SIBLING_PENALTY)
+"""How a placement is sampled."""
+
+
+def _proposal(before: ModeKind) -> Proposal:
+    return PLACEMENT
+
+
+PLACE = Operator(
+    name="place",
+    parameters=(Parameter.ARM, Parameter.OBJECT, Parameter.SUPPORT),
+    pddl=shipped_action("place"),
+    phrase="{0} places {1} on {2}",
+    mode_after=ModeKind.PLACED,
+    refute=_refute,
+    is_duplicate=_is_duplicate,
+    switch=_switch,
+    proposal=_proposal,
+)
+"""An arm puts down what it holds."""

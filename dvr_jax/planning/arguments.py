@@ -1,0 +1,167 @@
+"""Arguments of the public functions: each is checked here, so that a wrong type is refused in one sentence."""
+
+from __future__ import annotations
+
+import math
+import operator
+import os
+from collections.abc import Mapping, Sequence
+
+from dvr_jax.errors import OptionError
+from dvr_jax.logic import Action
+from dvr_jax.motion.motion import Motion
+from dvr_jax.scene.types import Scene
+
+
+def require_scene(value: object) -> Scene:
+    """Return a value that is a scene; refuse a path, a parsed file, several scenes and everything else.
+
+    Raises:
+        OptionError: The value is no `Scene`.
+    """
+    if isinstance(value, Scene):
+        return value
+
+    if isinstance(value, (str, os.PathLike)):
+        path = os.fspath(value)
+        raise OptionError(f"the scene is the path {path!r}; valid is a Scene, as load_scene({path!r}) returns it.")
+
+    if isinstance(value, Mapping):
+        raise OptionError(
+            f"the scene is a {type(value).__name__}; valid is a Scene, as load_scene returns it for a file with this "
+            "content."
+        )
+
+    if isinstance(value, (list, tuple)) and any(isinstance(item, Scene) for item in value):
+        raise OptionError(f"the scene is a {type(value).__name__} of {len(value)} scenes; valid is one Scene a call.")
+
+    raise OptionError(f"the scene is {describe_value(value)}; valid is a Scene, as load_scene returns it.")
+
+
+def require_integer(name: str, value: object, least: int) -> int:
+    """Return a value that is a whole number of at least `least`.
+
+    Args:
+        name: What the number is, as in "the seed".
+        value: Value to check; NumPy's integers are numbers too, a bool is none.
+        least: Smallest valid number.
+
+    Returns:
+        The number as a Python int.
+
+    Raises:
+        OptionError: The value is no whole number, or it is too small.
+    """
+    valid = f"valid is a whole number from {least}"
+
+    if isinstance(value, bool):
+        raise OptionError(f"{name} is {value}; {valid}.")
+
+    try:
+        number = operator.index(value)  # type: ignore[arg-type]
+    except TypeError:
+        raise OptionError(f"{name} is {describe_value(value)}; {valid}.") from None
+
+    if number < least:
+        raise OptionError(f"{name} is {number}; {valid}.")
+
+    return number
+
+
+def require_positive(name: str, value: object, unit: str) -> float:
+    """Return a value that is a positive number; infinity is one.
+
+    Args:
+        name: What the number is, as in "the time limit".
+        value: Value to check.
+        unit: Its unit.
+
+    Returns:
+        The number as a Python float.
+
+    Raises:
+        OptionError: The value is no number, or it is not positive.
+    """
+    valid = "valid is a positive number"
+
+    if isinstance(value, (bool, str, bytes)) or not hasattr(value, "__float__"):
+        raise OptionError(f"{name} is {describe_value(value)}; {valid}.")
+
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise OptionError(f"{name} is {describe_value(value)}; {valid}.") from None
+
+    if math.isnan(number) or number <= 0:
+        raise OptionError(f"{name} is {number} {unit}; {valid}.")
+
+    return number
+
+
+def require_motion(value: object) -> Motion:
+    """Return a value that is a motion.
+
+    Raises:
+        OptionError: The value is no `Motion`.
+    """
+    if isinstance(value, Motion):
+        return value
+
+    raise OptionError(f"the motion is {describe_value(value)}; valid is a Motion, such as a plan's.")
+
+
+def parse_actions(name: str, value: object) -> tuple[Action, ...]:
+    """Return a sequence of actions, of which each may be given as its text.
+
+    Args:
+        name: What the sequence is, as in "sequence 2".
+        value: Sequence of `Action`, or of texts such as "grasp(left, +x, yellow)".
+
+    Returns:
+        The actions.
+
+    Raises:
+        OptionError: The value is no sequence, or holds something that is neither an action nor a text.
+        LogicError: A text is not written as an action.
+    """
+    valid = "valid is a sequence of actions, such as ['grasp(left, +x, yellow)', 'place(left, yellow, goal)']"
+
+    if isinstance(value, Action):
+        raise OptionError(f"{name} is the single action {value}; {valid}.")
+    if isinstance(value, str) or not isinstance(value, Sequence):
+        raise OptionError(f"{name} is {describe_value(value)}; {valid}.")
+
+    actions = []
+    for number, item in enumerate(value, start=1):
+        if isinstance(item, str):
+            actions.append(Action.parse(item))
+        elif isinstance(item, Action):
+            actions.append(item)
+        else:
+            raise OptionError(f"action {number} of {name} is {describe_value(item)}; {valid}.")
+
+    return tuple(actions)
+
+
+def describe_value(value: object) -> str:
+    """Describe a value of a wrong type: a class by its name, plain values by their text, all else by its type."""
+    if value is None:
+        return "None"
+    if isinstance(value, type):
+        return f"the class {value.__name__}"
+    if isinstance(value, str):
+        return f"the text {_shorten(value)}"
+    if isinstance(value, (int, float, os.PathLike)):
+        return _shorten(value)
+
+    shape = getattr(value, "shape", None)
+    if isinstance(shape, tuple):
+        return f"an array of shape {shape}"
+
+    return f"of the type {type(value).__name__}"
+
+
+def _shorten(value: object) -> str:
+    """Return the value's text, cut after 60 characters."""
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -1,0 +1,195 @@
+"""The files of a plan: `plan.json` and `trajectory.npz`, from which it is read back, a MuJoCo scene and pictures."""
+
+from __future__ import annotations
+
+import platform
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from dvr_jax.checker import CheckReport
+from dvr_jax.errors import DataError, DvrError
+from dvr_jax.logic import Action
+from dvr_jax.motion.file import load_motion, save_motion
+from dvr_jax.motion.motion import Motion
+from dvr_jax.operators import ground_scene
+from dvr_jax.scene.files import scene_from_json, scene_to_json
+from dvr_jax.scene.layout import qpos_layout
+from dvr_jax.scene.mjcf import scene_xml
+from dvr_jax.scene.types import Scene
+from dvr_jax.search.status import PlanStatus
+
+if TYPE_CHECKING:
+    from dvr_jax.planning.result import Plan
+
+PLAN = "plan.json"
+TRAJECTORY = "trajectory.npz"
+MUJOCO_SCENE = "scene.xml"
+DEPTH_PICTURE = "depth.png"
+FILM = "film.png"
+ANIMATION = "plan.gif"
+
+
+class _ActionFile(msgspec.Struct):
+    """One action in plan.json."""
+
+    operator: str
+    arguments: tuple[str, ...]
+
+
+class _PlanFile(msgspec.Struct):
+    """Content of plan.json; the fields mean what the fields of `Plan` mean."""
+
+    status: PlanStatus
+    actions: tuple[_ActionFile, ...]
+    action_descriptions: tuple[str, ...]
+    nlps: dict[str, int]
+    verdicts: dict[str, int]
+    rejected_by_check: int
+    seconds: dict[str, float]
+    violations: dict[str, float]
+    check: CheckReport | None
+    options: dict[str, str | int | float | None]
+    scene: msgspec.Raw
+    versions: dict[str, str]
+    """Versions of Python and of the packages that made the plan."""
+
+
+def save_plan(folder: Path, plan: Plan, pictures: bool, animation: bool) -> None:
+    """Write everything that is known of a plan into a folder.
+
+    Args:
+        folder: Folder for the files; it is made if it is missing.
+        plan: Plan to write.
+        pictures: Whether to write pictures of the scene and of the plan.
+        animation: Whether to write the animation.
+
+    Raises:
+        OSError: A file cannot be written.
+    """
+    # Imported here, because drawing takes half a second that other uses of a plan need not wait for.
+    from dvr_jax.drawing.animation import save_animation
+    from dvr_jax.drawing.depth_picture import save_depth_picture
+    from dvr_jax.drawing.film import save_film
+
+    folder.mkdir(parents=True, exist_ok=True)
+
+    # Files of another plan must not stay beside this one. plan.json goes first and comes last, so that it is there
+    # only together with the files that it describes.
+    for name in (PLAN, TRAJECTORY, DEPTH_PICTURE, FILM, ANIMATION):
+        (folder / name).unlink(missing_ok=True)
+
+    (folder / MUJOCO_SCENE).write_text(scene_xml(plan.scene), encoding="utf-8")
+    if pictures:
+        save_depth_picture(folder / DEPTH_PICTURE, plan.scene)
+
+    if plan.motion is not None:
+        save_motion(folder / TRAJECTORY, plan.motion)
+        if pictures:
+            save_film(folder / FILM, plan.scene, plan.action_descriptions, plan.motion)
+        if animation:
+            save_animation(folder / ANIMATION, plan.scene, plan.motion)
+
+    (folder / PLAN).write_bytes(encode_plan(plan))
+
+
+def encode_plan(plan: Plan) -> bytes:
+    """Return the content of plan.json: indented JSON with a final line break."""
+    versions = {name: version(name) for name in ("dvr_jax", "jax", "mujoco", "numpy")}
+
+    record = _PlanFile(
+        status=plan.status,
+        actions=tuple(_ActionFile(action.operator, action.arguments) for action in plan.actions),
+        action_descriptions=plan.action_descriptions,
+        nlps=plan.nlps,
+        verdicts=plan.verdicts,
+        rejected_by_check=plan.rejected,
+        seconds={stage: float(value) for stage, value in plan.seconds.items()},
+        violations={kind: float(value) for kind, value in plan.violations.items()},
+        check=plan.report,
+        options=plan.options,  # type: ignore[arg-type]
+        scene=msgspec.Raw(scene_to_json(plan.scene).encode()),
+        versions={"python": platform.python_version(), **versions},
+    )
+    return msgspec.json.format(msgspec.json.encode(record), indent=1) + b"\n"
+
+
+def load_plan_fields(folder: Path) -> dict[str, Any]:
+    """Read the files of a plan and return the fields of `Plan` by their names.
+
+    Raises:
+        DataError: The folder holds no plan, or its files are broken or contradict each other.
+        DvrError: The scene or the motion in the folder is broken.
+    """
+    path = folder / PLAN
+    record = _read_record(path)
+    scene = scene_from_json(bytes(record.scene), f"{path}, scene")
+    actions = tuple(Action(item.operator, item.arguments) for item in record.actions)
+
+    motion = None
+    if record.status == PlanStatus.SOLVED:
+        motion = _load_fitting_motion(folder, scene, actions)
+    _require_agreement(path, record, scene, actions)
+
+    return {
+        "scene": scene,
+        "status": record.status,
+        "actions": actions,
+        "motion": motion,
+        "report": record.check,
+        "violations": record.violations,
+        "seconds": record.seconds,
+        "nlps": record.nlps,
+        "verdicts": record.verdicts,
+        "rejected": record.rejected_by_check,
+        "options": dict(record.options),
+    }
+
+
+def _read_record(path: Path) -> _PlanFile:
+    """Read plan.json; refuse what has not its form."""
+    try:
+        content = path.read_bytes()
+    except (FileNotFoundError, NotADirectoryError):
+        raise DataError(f"there is no file {path}; valid is a folder that a plan was saved to.") from None
+
+    try:
+        return msgspec.json.decode(content, type=_PlanFile)
+    except (msgspec.DecodeError, UnicodeError) as error:
+        reason = " ".join(str(error).split()).rstrip(".")
+        raise DataError(f"{path} holds no plan of this version: {reason}.") from None
+
+
+def _load_fitting_motion(folder: Path, scene: Scene, actions: tuple[Action, ...]) -> Motion:
+    """Read trajectory.npz; refuse a motion of another scene or with another number of actions."""
+    path = folder / TRAJECTORY
+    if not path.exists():
+        raise DataError(f"{folder / PLAN} says that the plan is solved, but there is no file {path}.")
+
+    motion = load_motion(path)
+    columns = qpos_layout(scene).size
+    if motion.qpos.shape[1] != columns:
+        raise DataError(f"the states of {path} have {motion.qpos.shape[1]} numbers; the plan's scene has {columns}.")
+    if len(motion.switch) != len(actions):
+        raise DataError(f"{path} has {len(motion.switch)} switches; the plan has {len(actions)} actions.")
+
+    return motion
+
+
+def _require_agreement(path: Path, record: _PlanFile, scene: Scene, actions: tuple[Action, ...]) -> None:
+    """Refuse a plan whose status, actions and check contradict each other."""
+    if record.status != PlanStatus.SOLVED:
+        if actions or record.check is not None:
+            raise DataError(f"{path} has actions or a check, but its status is {record.status.value!r}.")
+        return
+
+    if record.check is None or not record.check.passed:
+        raise DataError(f"{path} says that the plan is solved, but not that it passed the check.")
+
+    grounding = ground_scene(scene)
+    try:
+        grounding.check_sequence(actions)
+    except DvrError as error:
+        raise DataError(f"the actions in {path} do not solve its scene: {error}") from None

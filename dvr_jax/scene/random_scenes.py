@@ -1,0 +1,48 @@
+"""Random scenes as the public API offers them."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Iterator
+
+from dvr_jax.errors import OptionError
+from dvr_jax.scene import sampling
+from dvr_jax.scene.sampling import DEFAULT_DISTRIBUTION, SceneDistribution
+from dvr_jax.scene.types import Scene
+
+
+def sample_scenes(
+    number: int,
+    objects: int = 2,
+    seed: int = 0,
+    distribution: SceneDistribution = DEFAULT_DISTRIBUTION,
+) -> Iterator[Scene]:
+    """Draw random valid scenes, one after the other.
+
+    Args:
+        number: Number of scenes, at least 1.
+        objects: Number of objects in each scene, 1 to 8.
+        seed: Seed, from 0. Scene i of a seed is the same whatever `number` is.
+        distribution: Shapes, and ranges of sizes and positions.
+
+    Returns:
+        An iterator over the scenes.
+
+    Raises:
+        OptionError: An argument has a wrong type.
+        DvrError: An argument has a wrong value, or the distribution leaves no room for a valid scene.
+    """
+    for name, value in (("number", number), ("objects", objects), ("seed", seed)):
+        _require_whole_number(name, value)
+    if not isinstance(distribution, SceneDistribution):
+        raise OptionError(f"distribution is of the type {type(distribution).__name__}; valid is a SceneDistribution.")
+
+    return sampling.sample_scenes(number, objects, seed, distribution)
+
+
+def _require_whole_number(name: str, value: object) -> None:
+    """Refuse what is no whole number."""
+    try:
+        operator.index(value)  # type: ignore[arg-type]
+    except TypeError:
+        raise OptionError(f"{name} is {value!r}; valid is a whole number.") from None
