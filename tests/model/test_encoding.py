@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from dvr_jax.errors import DvrError
-from dvr_jax.logic import ground_actions
-from dvr_jax.logic.grounding import Action, Grounding
+from dvr_jax.logic import Action, Grounding, ground_actions
 from dvr_jax.model.encoding import (
     SYMBOLS,
+    TRAINED_ARMS,
     actions_per_object,
     direction,
     encode_actions,
@@ -27,7 +27,7 @@ def boxes(*names: str, yaw: float = 0.0) -> list[SceneObject]:
 @pytest.mark.parametrize("number", range(1, 9))
 def test_symbols_do_not_depend_on_the_number_of_objects(number: int) -> None:
     names = [f"thing {i}" for i in range(number)]
-    grounding = ground_actions(names, names[-1])
+    grounding = ground_actions(names, names[-1], TRAINED_ARMS)
     codes = encode_actions(grounding, boxes(*names))
     assert set(codes.symbol) == set(range(12)) and len(codes.symbol) == 12 * number
     assert (actions_per_object(), tuples_per_object()) == (12, 2)
@@ -40,7 +40,7 @@ def test_symbols_do_not_depend_on_the_number_of_objects(number: int) -> None:
 
 def test_names_that_look_like_supports_and_arms() -> None:
     names = ["table", "left", "goal"]
-    grounding = ground_actions(names, "goal")
+    grounding = ground_actions(names, "goal", TRAINED_ARMS)
     codes = encode_actions(grounding, boxes(*names))
     goal_mask, zeros = 3, 4
     for action, symbol, index in zip(grounding.actions, codes.symbol, codes.tuple_index, strict=True):
@@ -56,8 +56,8 @@ def test_names_that_look_like_supports_and_arms() -> None:
 
 
 def test_order_of_actions_does_not_depend_on_names_or_goal() -> None:
-    one = encode_actions(ground_actions(["a", "b"], "a"), boxes("a", "b"))
-    other = encode_actions(ground_actions(["zebra", "ape"], "ape"), boxes("zebra", "ape"))
+    one = encode_actions(ground_actions(["a", "b"], "a", TRAINED_ARMS), boxes("a", "b"))
+    other = encode_actions(ground_actions(["zebra", "ape"], "ape", TRAINED_ARMS), boxes("zebra", "ape"))
     assert all((mine == theirs).all() for mine, theirs in zip(one, other, strict=True))
 
 

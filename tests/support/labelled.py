@@ -3,7 +3,8 @@
 import numpy as np
 
 from dvr_jax.dataset import Examples
-from dvr_jax.logic import enumerate_sequences, ground_actions
+from dvr_jax.logic import enumerate_sequences
+from dvr_jax.operators import ground_scene
 from dvr_jax.scene.sampling import sample_scenes
 from dvr_jax.scene.types import Scene
 
@@ -50,7 +51,7 @@ def sided_examples(number: int, seed: int, objects: int = 2, longest: int = 2) -
 
 def sided_sequences(scene: Scene, longest: int) -> tuple[list[tuple[int, ...]], list[bool]]:
     """The sequences of one scene and whether each is feasible."""
-    grounding = ground_actions([item.name for item in scene.objects], scene.goal.object)
+    grounding = ground_scene(scene)
     arm = "left" if scene.objects[scene.goal_index].position[0] < 0 else "right"
     sequences = [sequence for length in range(2, longest + 1) for sequence in enumerate_sequences(grounding, length)]
     feasible = [len(sequence) == 2 and grounding.actions[sequence[0]].arguments[0] == arm for sequence in sequences]
