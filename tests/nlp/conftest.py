@@ -108,7 +108,7 @@ def move(x: Variables, kind: str, index: tuple[object, ...], amount: float) -> V
 
 @pytest.fixture(scope="session")
 def keyframes() -> Evaluated:
-    return Evaluated(make_case(steps=1, repeats=6, seed=0))
+    return Evaluated(make_case(steps=1, repeats=16, seed=0))
 
 
 @pytest.fixture(scope="session")
@@ -130,7 +130,7 @@ def fixed_bodies() -> Evaluated:
 
 @pytest.fixture(scope="session")
 def single_arm() -> Evaluated:
-    """A path of one arm beside a wall."""
+    """A path of one arm before a screen."""
     return Evaluated(make_case(steps=2, repeats=5, seed=1, setting=SINGLE_ARM))
 
 

@@ -134,11 +134,11 @@ SINGLE_ARM = Setting(
         ],
         OnRegion("yellow", Region((0.25, 0.2), 0.4, (0.22, 0.2))),
         SINGLE_ARM_WORKCELL,
-        [FixedBody("wall", "box", (0.5, 0.04, 0.4), (0.0, 0.32, 0.2), 0.1)],
+        [FixedBody("screen", "box", (0.5, 0.04, 0.4), (0.0, 0.04, 0.46), 0.1)],
     ),
     SINGLE_ARM_SKELETONS,
 )
-"""One arm, a box, a cylinder and a wall."""
+"""One arm, a box, a cylinder and a screen that hangs before it."""
 
 
 @dataclass(frozen=True)
