@@ -150,13 +150,20 @@ def test_capsules_and_objects(evaluated, by_joint, by_parameter) -> None:
 
 
 def test_capsules_and_fixed_bodies(evaluated, by_joint, by_parameter) -> None:
+    """Where a capsule's axis does not enter the body: there its depth is of the axis' deepest point, but for some tenths of
+    a millimeter (tests/geometry), and has kinks."""
     if not evaluated.case.setting.number_of_fixed:
         pytest.skip("no fixed bodies")
+    radii = np.tile(evaluated.model.capsule_radii, evaluated.model.structure.number_of_arms)
+    outside = evaluated.distance[..., groups(evaluated)["capsule-fixed"]]
+    outside = outside > -np.tile(radii, evaluated.case.setting.number_of_fixed)
+    assert outside.mean() > 0.95
     compared = compare_joints(evaluated, by_joint, "capsule-fixed")
+    compared.require_all(outside)
+    assert np.abs(compared.analytic * outside).max() > 0.1
+    compared = compare_parameters(evaluated, by_parameter, "capsule-fixed")
     compared.require_all()
-    assert np.abs(compared.analytic).max() > 0.1
-    compare_parameters(evaluated, by_parameter, "capsule-fixed").require_all()
-    assert not compare_parameters(evaluated, by_parameter, "capsule-fixed").analytic.any()
+    assert not compared.analytic.any()
 
 
 def require_faces(evaluated, by_joint: tuple[Rows, Rows], by_parameter: tuple[Rows, Rows], group: str) -> None:
