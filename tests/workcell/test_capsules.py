@@ -2,14 +2,9 @@
 
 import mujoco
 import numpy as np
-from arm_states import Floats, sample_postures, set_postures
+from arm_states import Floats, Simulated, sample_postures
 
-from dvr_jax.scene.files import Goal, Region, SceneObject, make_scene
-from dvr_jax.scene.mjcf import COLLISION_GROUP, LOOKS_GROUP, build_model
-
-SCENE = make_scene(
-    [SceneObject("box", "box", (0.05, 0.1, 0.1), (0.0, 0.3), 0.3)], Goal("box", Region((0, 0), 0, (0.2, 0.2)))
-)
+from dvr_jax.scene.mjcf import COLLISION_GROUP, LOOKS_GROUP
 
 COVERED = 0.008
 """As `panda.xml` says [m] ..."""
@@ -51,9 +46,10 @@ def beyond_capsules(model: mujoco.MjModel, data: mujoco.MjData, arm: str, points
 
 
 def test_capsules_cover_what_is_drawn() -> None:
-    model, generator = build_model(SCENE), np.random.default_rng(0)
+    simulated, generator = Simulated(), np.random.default_rng(0)
+    model = simulated.model
     worst: dict[str, float] = {}
-    for data in set_postures(model, *sample_postures(4)):
+    for data in simulated.states(*sample_postures(4)):
         for geom in np.flatnonzero(model.geom_group == LOOKS_GROUP):
             body = model.body(model.geom_bodyid[geom]).name
             arm, _, link = body.partition("/")

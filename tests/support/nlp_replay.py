@@ -1,38 +1,50 @@
-"""A case's slices as states of the scene's MuJoCo model, and the names of the distance rows."""
+"""A case's slices as states of its scene's MuJoCo model, and the names of the distance rows."""
 
 from itertools import combinations, product
 
 import mujoco
 import numpy as np
-from dvr_jax.workcell.constants import ARM_NAMES
-from komo_cases import SCENE, Case, Floats, pose_in_mode
+from nlp_cases import Case, Floats, pose_in_mode
 from scipy.spatial.transform import Rotation
 
-from dvr_jax.nlp.collision_rows import ABOVE_TABLE, CROSS_PAIRS, SELF_PAIRS
-from dvr_jax.scene.mjcf import CAPSULE_NAMES, build_home_data, build_model_spec, object_body_name, qpos_layout
+from dvr_jax.scene.mjcf import build_home_data, build_model_spec, fixed_body_name, object_body_name, qpos_layout
+from dvr_jax.scene.types import Scene
+from dvr_jax.workcell.workcell import Workcell, cross_arm_pairs
 
 Names = tuple[str, str]
 
 
-def arm_pairs() -> list[Names]:
+def capsule_names(workcell: Workcell) -> list[list[str]]:
+    """Geom names of the capsules of each arm."""
+    return [[f"{arm}/{name}_collision" for name in workcell.robot.capsules.names] for arm in workcell.arm_names]
+
+
+def arm_pairs(workcell: Workcell) -> list[Names]:
     """Geom names of the arm rows, in order."""
-    left, right = ([f"{arm}/{name}" for name in CAPSULE_NAMES] for arm in ARM_NAMES)
-    pairs = [pair for first, second in CROSS_PAIRS for pair in product(left[first], right[second])]
-    pairs += [pair for near, far in SELF_PAIRS for arm in (left, right) for pair in product(arm[near], arm[far])]
-    return pairs + [(name, "top") for arm in (left, right) for name in arm[ABOVE_TABLE]]
+    arms = capsule_names(workcell)
+    robot = workcell.robot
+    pairs: list[Names] = []
+    for first, second, (near, far) in cross_arm_pairs(workcell):
+        pairs += product(arms[first][slice(*near)], arms[second][slice(*far)])
+    for near, far in robot.self_collision_pairs:
+        for arm in arms:
+            pairs += product(arm[slice(*near)], arm[slice(*far)])
+    return pairs + [(name, "top") for arm in arms for name in arm[slice(*robot.table_capsules)]]
 
 
-def object_pairs() -> list[Names]:
-    """Geom names of the object rows, in order."""
-    objects = [object_body_name(item.name) for item in SCENE.objects]
-    capsules = [f"{arm}/{name}" for arm in ARM_NAMES for name in CAPSULE_NAMES]
-    pairs = [(capsule, item) for item in objects for capsule in capsules]
-    return pairs + [(item, "top") for item in objects] + list(combinations(objects, 2))
+def body_pairs(scene: Scene) -> list[Names]:
+    """Geom names of the body rows, in order."""
+    objects = [object_body_name(item.name) for item in scene.objects]
+    fixed = [fixed_body_name(body.name) for body in scene.fixed]
+    capsules = [name for arm in capsule_names(scene.workcell) for name in arm]
+    pairs: list[Names] = [(capsule, body) for body in objects + fixed for capsule in capsules]
+    pairs += [(item, "top") for item in objects]
+    return pairs + list(combinations(objects, 2)) + list(product(objects, fixed))
 
 
-def build_replay_model() -> mujoco.MjModel:
+def build_replay_model(scene: Scene) -> mujoco.MjModel:
     """The scene with an endless plane at the table's height: arms may reach beyond the table."""
-    spec = build_model_spec(SCENE)
+    spec = build_model_spec(scene)
     spec.option.ccd_tolerance, spec.option.ccd_iterations = 1e-12, 500
     spec.worldbody.add_geom(name="top", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 1], contype=0, conaffinity=0)
     return spec.compile()
@@ -43,23 +55,23 @@ class Replay:
 
     def __init__(self, model: mujoco.MjModel, case: Case) -> None:
         self.model, self.case = model, case
-        self.data, self.layout = build_home_data(model), qpos_layout(len(SCENE.objects))
+        self.scene = case.setting.scene
+        self.data, self.layout = build_home_data(model), qpos_layout(self.scene)
         self.geom = {model.geom(i).name: i for i in range(model.ngeom)}
 
     def hands(self) -> list[tuple[Floats, Floats]]:
-        sites = [self.data.site(f"{arm}/gripper") for arm in ARM_NAMES]
+        sites = [self.data.site(f"{arm}/gripper") for arm in self.scene.workcell.arm_names]
         return [(site.xmat.reshape(3, 3).copy(), site.xpos.copy()) for site in sites]
 
     def openings(self, b: int, t: int) -> Floats:
-        """Of a phase; in the slice of its switch the wider of before and after, as `dvr_jax.nlp.constraints` has
-        it."""
-        before, after = self.case.problems.opening[b, self.case.phase(t) : self.case.phase(t) + 2]
+        """Of a phase; in the slice of its switch the wider of before and after, as `dvr_jax.nlp.layout` has it."""
+        before, after = self.case.problems.finger_opening[b, self.case.phase(t) : self.case.phase(t) + 2]
         switching = (t // self.case.samples + 1) % self.case.steps == 0
         return np.maximum(before, after) if switching else before
 
     def go(self, b: int, t: int) -> None:
         case, qpos = self.case, self.data.qpos
-        qpos[self.layout.arm_joints] = case.posture(b, t).reshape(2, 7)
+        qpos[self.layout.arm_joints] = case.posture(b, t).reshape(self.layout.arm_joints.shape)
         qpos[self.layout.fingers] = self.openings(b, t)[:, None]
         mujoco.mj_kinematics(self.model, self.data)
         hands = self.hands()
@@ -75,7 +87,7 @@ class Replay:
         return value, witness[:3] - witness[3:]
 
     def measure(self, pairs: list[Names]) -> Floats:
-        """(B, T, P)."""
+        """(B, T', P)."""
         B, T = self.case.batch, self.case.number_of_samples
         values = np.zeros((B, T, len(pairs)))
         for b, t in product(range(B), range(T)):
@@ -84,7 +96,7 @@ class Replay:
         return values
 
     def faces(self, pairs: list[Names]) -> Floats:
-        """(B, T, P): True where a flat face of either body is nearest."""
+        """(B, T', P): True where a flat face of either body is nearest."""
         B, T = self.case.batch, self.case.number_of_samples
         nearest = np.zeros((B, T, len(pairs)), bool)
         for b, t in product(range(B), range(T)):
