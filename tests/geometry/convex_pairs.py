@@ -35,7 +35,7 @@ class Bodies:
         return self.center - axis, self.center + axis
 
     def as_arguments(self) -> tuple[object, ...]:
-        """As `dvr_jax.geometry.distances` takes them."""
+        """Arguments for the distance functions of `dvr_jax.geometry`."""
         if self.kind == "capsule":
             start, end = self.ends
             return components(start), components(end), self.size[:, 0]

@@ -7,14 +7,10 @@ import numpy as np
 import pytest
 from convex_pairs import Bodies, Floats, deepest_of_axis, mujoco_distances, sample_bodies
 
-from dvr_jax.geometry.distances import (
-    capsule_capsule,
-    capsule_plane,
-    capsule_prism,
-    point_prism,
-    prism_plane,
-    prism_prism,
-)
+from dvr_jax.geometry.capsule_prism import capsule_prism
+from dvr_jax.geometry.capsules import capsule_capsule, capsule_plane
+from dvr_jax.geometry.prism_prism import prism_prism
+from dvr_jax.geometry.prisms import point_prism, prism_plane
 
 PAIRS = 800
 RELATIVE, ABSOLUTE = 1e-6, 1e-9

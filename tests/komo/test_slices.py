@@ -8,7 +8,7 @@ import jax
 import numpy as np
 import pytest
 
-from dvr_jax.geometry.distances import capsule_prism
+from dvr_jax.geometry.capsule_prism import capsule_prism
 from dvr_jax.modes.poses import Attachment
 from dvr_jax.nlp.collision_distances import FAR, NEAR
 from dvr_jax.nlp.collision_rows import arm_signs
