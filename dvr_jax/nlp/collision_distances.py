@@ -17,18 +17,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from dvr_jax.geometry.arrays import Array
-from dvr_jax.geometry.distances import (
-    Prism,
-    axis_point_wrench,
-    capsule_capsule,
-    capsule_capsule_distance,
-    capsule_plane,
-    nearest_on_axis,
-    point_prism,
-    prism_plane,
-    prism_prism,
-)
-from dvr_jax.geometry.vectors import Rotation, Six, Vector, materialize, rotate_back
+from dvr_jax.geometry.capsule_prism import axis_point_wrench, nearest_on_axis
+from dvr_jax.geometry.capsules import capsule_capsule, capsule_capsule_distance, capsule_plane
+from dvr_jax.geometry.prism_prism import prism_prism
+from dvr_jax.geometry.prisms import Prism, point_prism, prism_plane
+from dvr_jax.geometry.vectors import Rotation, SpatialVector, Vector, materialize, rotate_back
 from dvr_jax.modes.mode import ModeKind, ObjectPoses
 from dvr_jax.nlp.collision_rows import object_pairs, row_bodies, table_capsules
 from dvr_jax.nlp.compaction import count_active, gather_chunk, number_of_groups, slot
@@ -239,7 +232,7 @@ def _measure_pairs(segments: Segments, bodies: Bodies, row: Array, slices: Array
     return jnp.stack([distance, t])
 
 
-def _between_bodies(bodies: Bodies, kind: Array) -> tuple[Float[Array, "pairs slices"], Six]:
+def _between_bodies(bodies: Bodies, kind: Array) -> tuple[Float[Array, "pairs slices"], SpatialVector]:
     """Distances [m] and wrenches of two objects, and of an object and a fixed body."""
     N = kind.shape[0]
     fixed = bodies.position.shape[1] - N
@@ -255,7 +248,7 @@ def _between_bodies(bodies: Bodies, kind: Array) -> tuple[Float[Array, "pairs sl
     return _masked(*prism_prism(*materialize((*pick(first), *pick(second)))), ignored)
 
 
-def _masked(distance: Array, wrench: Six, ignored: Array) -> tuple[Array, Six]:
+def _masked(distance: Array, wrench: SpatialVector, ignored: Array) -> tuple[Array, SpatialVector]:
     return jnp.where(ignored, FAR, distance), jnp.where(ignored, 0, wrench)
 
 

@@ -31,7 +31,7 @@ class Problem(NamedTuple):
     """Arrays of one NLP; every leaf may carry leading batch axes."""
 
     prism: Float[Array, "*batch objects 4"]
-    """Shapes of the objects as prisms (hx, hy, hz, r) [m]; see `dvr_jax.geometry.distances`."""
+    """Shapes of the objects as prisms (hx, hy, hz, r) [m]; see `dvr_jax.geometry.prisms`."""
 
     initial_pose: Float[Array, "*batch objects 4"]
     """Initial x, y, z [m] of the objects' centers and their yaw [rad]."""
