@@ -24,12 +24,12 @@ from dvr_jax.errors import DvrError
 from dvr_jax.model.predictor import SHIPPED, Predictor, load_network
 from dvr_jax.planning.planner import plan
 from dvr_jax.runtime.processes import worker_processes
+from dvr_jax.scene.distribution import validate_request
 from dvr_jax.scene.sampling import (
     DEFAULT_DISTRIBUTION,
     SceneDistribution,
     ShapeChoice,
     scene_of_seed,
-    validate_request,
 )
 from dvr_jax.scene.types import MAXIMUM_OBJECTS, Scene
 from dvr_jax.search.searches import GUIDED, SEARCHES

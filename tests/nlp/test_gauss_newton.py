@@ -162,7 +162,8 @@ class Lagrangian:
         rows, multipliers, penalties = (self.flat(value) for value in (self.rows, self.multipliers, self.penalty))
         found = lagrangian_rows(multipliers, rows, penalties, EQUALITIES)
         estimate, penalty = (
-            unflatten(FlatResiduals(*value), self.horizon) for value in (found.multiplier_estimate, found.active_penalty)
+            unflatten(FlatResiduals(*value), self.horizon)
+            for value in (found.multiplier_estimate, found.active_penalty)
         )
         jacobians = self.jacobians(estimate["collision"], penalty["collision"])
         return gauss_newton_system(self.problem, self.x, jacobians, estimate, penalty, gradient_scale)

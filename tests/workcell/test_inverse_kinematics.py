@@ -72,7 +72,12 @@ def test_the_robot_names_its_inverse_kinematics(reached: Reached) -> None:
     kinematics = workcell_model(reached.workcell).structure.inverse_kinematics
     assert kinematics is PANDA.inverse_kinematics
     assert (kinematics.branches, kinematics.free_joints) == (BRANCHES, (6,))
-    arguments = (workcell_model(reached.workcell), np.eye(3)[:, :, None], np.array([[0.4], [0.1], [0.5]]), np.zeros((1, 1)))
+    arguments = (
+        workcell_model(reached.workcell),
+        np.eye(3)[:, :, None],
+        np.array([[0.4], [0.1], [0.5]]),
+        np.zeros((1, 1)),
+    )
     for ours, theirs in zip(kinematics.solve(*arguments), arm_angles(*arguments), strict=True):
         np.testing.assert_array_equal(ours, theirs)
 
