@@ -145,7 +145,8 @@ def test_steps_count_as_much_as_their_target_weighs() -> None:
 def test_fraction_of_ones_is_what_batches_hold_on_average(kind: Kind, least_feasible: int) -> None:
     """Scenes without solutions, which sampler with feasible sequences hold less often, have more and longer rows."""
     rows = without_solutions((2, 3, 4))
-    sampler = BatchSampler.from_examples(MIXED, rows[~((MIXED.scene[rows] < 2) & (MIXED.length[rows] > 2))], 2, 48, least_feasible)
+    chosen = rows[~((MIXED.scene[rows] < 2) & (MIXED.length[rows] > 2))]
+    sampler = BatchSampler.from_examples(MIXED, chosen, 2, 48, least_feasible)
     examples = MIXED._replace(refuted_after=np.minimum(MIXED.refuted_after, 2))
     batches = [assemble_batch(examples, TABLE, sampler.draw(0, step), kind) for step in range(1_000)]
     share = sum(batch.target.sum() for batch in batches) / sum(batch.weight.sum() for batch in batches)

@@ -48,7 +48,8 @@ def test_average_precision_on_paper() -> None:
 def test_greedy_sequences_take_the_best_of_the_predictor_at_each_step() -> None:
     examples = sided_examples(3, 5)
     parameters = initial_parameters(NetworkConfig(image_size=16, channels=(2, 2, 2), dense=8, hidden=12), 1)
-    table = build_scene_table(examples.scenes, stack_images([scene_images(scene, 16, 4) for scene in examples.scenes], 2))
+    images = stack_images([scene_images(scene, 16, 4) for scene in examples.scenes], 2)
+    table = build_scene_table(examples.scenes, images)
     predictor = Predictor(parameters, NetworkMetadata("dvr", parameters.config))
     k_max = 5
     sequences = greedy_sequences(parameters, table, [2, 0, 1], k_max)

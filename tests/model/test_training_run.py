@@ -84,7 +84,8 @@ def test_learns_which_arm_is_on_the_objects_side(tmp_path: Path) -> None:
     assert np.mean((np.asarray(logits) > 0)[counts] == (batch.target > 0.5)[counts]) > 0.95
 
     # What the searches load says the same of a scene that was trained on, and files are there to look at.
-    predictor, scene = Predictor.load(tmp_path / "network.npz"), EXAMPLES.scenes[EXAMPLES.scene[data.sampler.sequences[0]]]
+    predictor = Predictor.load(tmp_path / "network.npz")
+    scene = EXAMPLES.scenes[EXAMPLES.scene[data.sampler.sequences[0]]]
     code = predictor.encode_scene(scene)
     probabilities, _ = predictor.predict(code, code.initial_hidden(24), range(24))
     wanted = "left" if scene.objects[scene.goal_index].position[0] < 0 else "right"
