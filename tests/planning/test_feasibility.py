@@ -41,11 +41,8 @@ def test_verdicts_are_those_of_a_sweep() -> None:
 
 
 def test_a_verdict_does_not_depend_on_what_else_is_asked() -> None:
-    names = [
-        [f"grasp({arm}, {face}, a)", f"place({arm}, a, goal)"]
-        for arm in SCENE.workcell.arm_names
-        for face in ("+x", "-x")
-    ]
+    arms = SCENE.workcell.arm_names
+    names = [[f"grasp({arm}, {face}, a)", f"place({arm}, a, goal)"] for arm in arms for face in ("+x", "-x")]
     together = feasibility(SCENE, [*names, names[0]])
     assert together[0] == together[-1]
     for sequence, verdict in zip(names, together, strict=False):

@@ -1,4 +1,4 @@
-"""Planning of small scenes by both searches without a network: they agree, they are repeatable, and they end when the tree is exhausted."""
+"""Small scenes by both searches without a network: they agree, are repeatable, and end when the tree is exhausted."""
 
 import math
 from dataclasses import replace

@@ -12,7 +12,7 @@ from dvr_jax.nlp.problem import Variables
 from dvr_jax.nlp.transcription import transcribe
 from dvr_jax.operators import OPERATORS, operator_of
 from dvr_jax.seeds.beam_batches import BeamTask, extend_beams
-from dvr_jax.seeds.keyframe_beam import CERTIFIED_PENETRATION, empty_beam
+from dvr_jax.seeds.keyframe_beam import BEAM_WIDTH, CERTIFIED_PENETRATION, empty_beam
 from dvr_jax.workcell.model import workcell_model
 
 
@@ -33,7 +33,7 @@ def test_candidates_that_do_not_penetrate_are_feasible_keyframes(length: int) ->
             (beam,) = extend_beams(model, [BeamTask(beam, problem, proposal)], [1], 3)
             proposals.add(proposal.name)
         x = Variables(beam.q.astype(float), beam.m.astype(float))
-        problems = jax.tree.map(lambda leaf, copies=len(x.q): np.stack([leaf] * copies), problem)
+        problems = jax.tree.map(lambda leaf: np.stack([leaf] * BEAM_WIDTH), problem)
         violations = violations_of(model, problems, x)
         is_proof = beam.violation <= CERTIFIED_PENETRATION
         assert (np.asarray(relative_violation(violations))[is_proof] <= 1).all(), actions

@@ -1,4 +1,4 @@
-"""The shape "tile", defined only in tests: a square prism given by its side and its height; and its half in the check."""
+"""The shape "tile", defined only in tests: a square prism given by its side and height; and its half in the check."""
 
 from __future__ import annotations
 
