@@ -14,7 +14,7 @@ is first used, and JAX with the first name that needs it.
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-__version__ = "0.8.1"
+__version__ = "0.9.0"
 
 _PUBLIC_NAMES: dict[str, str] = {
     # Scenes

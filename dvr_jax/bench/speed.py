@@ -28,11 +28,11 @@ from dvr_jax.runtime.batch_sizes import batch_sizes
 from dvr_jax.runtime.compilation import Program
 from dvr_jax.scene.sampling import sample_scenes
 from dvr_jax.search.node import Node
-from dvr_jax.search.node_solver import CERTIFIED_PENETRATION
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import run_alone
 from dvr_jax.seeds.beam_batches import BeamTask, extend_beams, lane_counts
 from dvr_jax.seeds.initial_paths import initial_path, keyframe_start, path_problem
+from dvr_jax.seeds.keyframe_beam import CERTIFIED_PENETRATION
 from dvr_jax.solver.augmented_lagrangian import Settings
 from dvr_jax.solver.iteration import evaluate_trials, initial_states, lay_out_chunks, measure_chunk
 from dvr_jax.solver.lane_pool import solve, stack
