@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from dvr_jax.dataset import Examples
+from dvr_jax.dataset.examples import Examples
 from dvr_jax.model.metadata import Kind
 
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from dvr_jax.dataset import Examples
+from dvr_jax.dataset.examples import Examples
 from dvr_jax.model.encoding import MIRRORED
 from dvr_jax.model.metadata import Kind
 from dvr_jax.model.scene_table import SceneTable

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Int
 
-from dvr_jax.dataset import Examples
+from dvr_jax.dataset.examples import Examples
 from dvr_jax.errors import DvrError
 from dvr_jax.model.batch_sampler import BatchSampler
 from dvr_jax.model.encoding import actions_per_object

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Int
 
-from dvr_jax.dataset import Examples
+from dvr_jax.dataset.examples import Examples
 from dvr_jax.logic import Action
 from dvr_jax.model.batches import assemble_batch
 from dvr_jax.model.greedy import greedy_sequences

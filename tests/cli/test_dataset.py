@@ -9,7 +9,7 @@ import pytest
 from first_layout_file import write_first_layout
 from synthetic import OPTIONS, synthetic
 
-from dvr_jax.dataset import list_shards, read_shard, same_rows, write_shard
+from dvr_jax.dataset.shards import list_shards, read_shard, same_rows, write_shard
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,8 @@ import pytest
 from synthetic import OPTIONS, synthetic
 
 from dvr_jax.cli import train
-from dvr_jax.dataset import load_examples, write_shard
+from dvr_jax.dataset.examples import load_examples
+from dvr_jax.dataset.shards import write_shard
 from dvr_jax.model.predictor import Predictor
 
 

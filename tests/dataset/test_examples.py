@@ -11,11 +11,14 @@ import numpy as np
 import pytest
 from synthetic import OPTIONS, synthetic
 
-from dvr_jax.dataset import Examples, Label, count_targets, load_examples, read_shard, targets, write_manifest
-from dvr_jax.dataset import write_shard as write
 from dvr_jax.dataset.counts import count_infeasible_sequences
+from dvr_jax.dataset.examples import Examples, count_targets, load_examples
+from dvr_jax.dataset.folder_manifest import write_manifest
+from dvr_jax.dataset.labels import Label
 from dvr_jax.dataset.sequence_index import sequence_index_of
-from dvr_jax.dataset.shards import list_shards
+from dvr_jax.dataset.shards import list_shards, read_shard
+from dvr_jax.dataset.shards import write_shard as write
+from dvr_jax.dataset.targets import targets
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import Grounding, enumerate_sequences, ground_actions
 from dvr_jax.scene.types import Scene

@@ -11,9 +11,11 @@ import pyarrow.parquet as pq
 import pytest
 from first_layout_file import write_first_layout
 
-from dvr_jax.dataset import Shard, list_shards, load_examples, read_shard, repack, same_rows, write_manifest
+from dvr_jax.dataset import repack
+from dvr_jax.dataset.examples import load_examples
+from dvr_jax.dataset.folder_manifest import write_manifest
 from dvr_jax.dataset.repack import repack_folder
-from dvr_jax.dataset.shards import read_columns
+from dvr_jax.dataset.shards import Shard, list_shards, read_columns, read_shard, same_rows
 from dvr_jax.errors import DvrError
 
 

@@ -19,10 +19,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from synthetic import OPTIONS, synthetic
 
-from dvr_jax.dataset import Label, Shard, find_shards, list_shards, read_shard, same_rows, write_shard
 from dvr_jax.dataset.columns import VIOLATION_BITS, round_violation
-from dvr_jax.dataset.labels import same_label
-from dvr_jax.dataset.shards import KEY
+from dvr_jax.dataset.labels import Label, same_label
+from dvr_jax.dataset.shards import KEY, Shard, find_shards, list_shards, read_shard, same_rows, write_shard
 from dvr_jax.errors import DvrError
 
 
@@ -108,7 +107,7 @@ import os, signal, sys
 from pathlib import Path
 sys.path.insert(0, {tests!r})
 from synthetic import OPTIONS, synthetic
-from dvr_jax.dataset import write_shard
+from dvr_jax.dataset.shards import write_shard
 def die(*_):
     os.kill(os.getpid(), signal.SIGKILL)
 os.{when} = die

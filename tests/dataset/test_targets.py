@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dvr_jax.dataset import targets
 from dvr_jax.dataset.known_prefixes import KnownPrefixes
 from dvr_jax.dataset.sequence_index import sequence_index_of
+from dvr_jax.dataset.targets import targets
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import enumerate_sequences
 from dvr_jax.scene.sampling import sample_scenes

@@ -7,7 +7,7 @@ import pytest
 from jaxtyping import Int
 from labelled import sided_examples
 
-from dvr_jax.dataset import Examples
+from dvr_jax.dataset.examples import Examples
 from dvr_jax.errors import DvrError
 from dvr_jax.model.batch_sampler import BatchSampler, draw_mirrored
 from dvr_jax.model.batches import IMAGE_MULTIPLE, VIEW_MULTIPLE, assemble_batch

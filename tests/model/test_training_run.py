@@ -21,7 +21,8 @@ from PIL import Image
 
 import dvr_jax
 from dvr_jax.cli import train as command
-from dvr_jax.dataset import Examples, write_shard
+from dvr_jax.dataset.examples import Examples
+from dvr_jax.dataset.shards import write_shard
 from dvr_jax.errors import DvrError, run_command
 from dvr_jax.logic import Action
 from dvr_jax.model.batches import assemble_batch

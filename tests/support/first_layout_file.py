@@ -7,10 +7,9 @@ import msgspec
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from dvr_jax.dataset import Shard
 from dvr_jax.dataset.first_layout import SCHEMA
 from dvr_jax.dataset.footer import FIRST_SCHEMA
-from dvr_jax.dataset.shards import KEY
+from dvr_jax.dataset.shards import KEY, Shard
 from dvr_jax.scene.files import scene_to_json
 
 

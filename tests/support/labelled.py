@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dvr_jax.dataset import Examples
+from dvr_jax.dataset.examples import Examples
 from dvr_jax.logic import enumerate_sequences
 from dvr_jax.operators import ground_scene
 from dvr_jax.scene.sampling import sample_scenes
