@@ -56,7 +56,7 @@ class HeldPoses(NamedTuple):
     """The gripper in the object's frame."""
 
 
-def grasp_frame(m: Float[Array, "4 *batch"], closing_yaw: Float[Array, "*batch"]) -> GraspFrame:
+def grasp_frame(m: Float[Array, "4 *#batch"], closing_yaw: Float[Array, "*#batch"]) -> GraspFrame:
     """The gripper in the object's frame, by the definition in the module's docstring.
 
     Args:
@@ -92,7 +92,7 @@ def poses(attached: Attachment, hands: HandPoses) -> HeldPoses:
     return HeldPoses(R, p, hand_p, frame)
 
 
-def twists(held: HeldPoses, position: Vector) -> tuple[Float[Array, "3 4 *batch"], Float[Array, "3 4 *batch"]]:
+def twists(held: HeldPoses, position: Vector) -> tuple[Float[Array, "3 4 *#batch"], Float[Array, "3 4 *#batch"]]:
     """Twists of held objects by their mode parameters.
 
     With the hand standing still, the object moves against the hand's motion in the object's frame.

@@ -22,7 +22,7 @@ def standing_pose(attached: Attachment) -> Float[Array, "4 *batch"]:
     return jnp.stack(jnp.broadcast_arrays(m[0], m[1], attached.half_height, m[2]))
 
 
-def twists(position: Vector) -> tuple[Float[Array, "3 4 *batch"], Float[Array, "3 4 *batch"]]:
+def twists(position: Vector) -> tuple[Float[Array, "3 4 *#batch"], Float[Array, "3 4 *#batch"]]:
     """Twists by the parameters: unit velocities along x and y, and a turn about the vertical axis through the center.
 
     Args:
