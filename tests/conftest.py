@@ -1,6 +1,6 @@
-"""JAX as all tests use it: float64, and compiled programs kept between runs.
+"""JAX as all tests use it: float64, compiled programs kept between runs, and shapes checked.
 
-Set before any test module is imported, hence before JAX builds anything.
+Set before any test module is imported, hence before JAX builds anything and before any module of the package is read.
 """
 
 import os
@@ -8,6 +8,24 @@ import tempfile
 from pathlib import Path
 
 import jax
+from jaxtyping import install_import_hook
+
+# The shapes and types in the annotations of these packages are checked whenever one of their functions is called.
+install_import_hook(
+    [
+        "dvr_jax.geometry",
+        "dvr_jax.modes",
+        "dvr_jax.motion",
+        "dvr_jax.nlp",
+        "dvr_jax.operators",
+        "dvr_jax.scene",
+        "dvr_jax.seeds",
+        "dvr_jax.shapes",
+        "dvr_jax.solver",
+        "dvr_jax.workcell",
+    ],
+    "beartype.beartype",
+)
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_platforms", "cpu")
