@@ -70,8 +70,6 @@ SUPPORT = "support"
 
 EXCEPTIONS = {
     ("bench/test_command.py", "cli"): "the command of the benchmarks lists their names",
-    ("dataset/test_examples.py", "cli"): "a network is trained on examples by the command",
-    ("dataset/test_examples.py", "model"): "and then predicts what the examples say",
     ("model/test_training_run.py", "cli"): "the command stops and resumes a training",
     ("model/test_training_run.py", "planning"): "the labels of the training come from the solver",
     ("planning/test_motion_between_samples.py", "bench"): "frozen problems whose paths are known to penetrate",
