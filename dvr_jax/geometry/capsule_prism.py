@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from dvr_jax.geometry.arrays import Array
 from dvr_jax.geometry.prism_line import Line, kinks, slope_along
@@ -216,7 +216,7 @@ def _false_position(bracket: _Bracket, line: Line, steps: int) -> _Bracket:
     1971.
     """
 
-    def step(_: int, state: _FalsePosition) -> _FalsePosition:
+    def step(_: Int[Array, ""], state: _FalsePosition) -> _FalsePosition:
         bracket = state.bracket
         gap = bracket.slope_at_high - bracket.slope_at_low
         offset = -bracket.slope_at_low * (bracket.high - bracket.low) / jnp.where(gap > 0, gap, 1)
