@@ -152,9 +152,9 @@ def test_links_against_mjx(forward: Forward) -> None:
         moved = mjx.kinematics(device_model, data.replace(qpos=qpos))
         return moved.xpos, moved.xmat
 
-    layout = forward.simulated.layout
-    qpos = np.tile(model.key("home").qpos, (POSTURES, 1))
-    qpos[:, layout.arm_joints], qpos[:, layout.fingers] = forward.q, forward.openings[:, :, None]
+    qpos = np.zeros((POSTURES, model.nq))
+    qpos[:, forward.simulated.arm_joints] = forward.q
+    qpos[:, forward.simulated.fingers] = forward.openings[:, :, None]
     positions, rotations = (np.asarray(x) for x in jax.jit(jax.vmap(kinematics))(qpos))
     for arm, name in forward.arms:
         for link in range(1, 8):
