@@ -148,9 +148,7 @@ def test_chosen_rows_have_the_derivatives_of_all_rows(path: Any) -> None:
 def test_a_slices_sums_do_not_depend_on_its_neighbours(path: Any) -> None:
     geometry = path.results.geometry
     middle = np.arange(len(geometry.distance)) == len(geometry.distance) // 2
-    few, many = (
-        compiled(reduce_slices)(path.model, geometry, *active_rows(geometry, number, 3)) for number in (3, 40)
-    )
+    few, many = (compiled(reduce_slices)(path.model, geometry, *active_rows(geometry, number, 3)) for number in (3, 40))
     for ours, theirs in zip(few, many, strict=True):
         np.testing.assert_array_equal(np.asarray(ours)[~middle], np.asarray(theirs)[~middle])
         assert (np.asarray(ours)[middle] != np.asarray(theirs)[middle]).any()

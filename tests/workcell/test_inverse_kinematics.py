@@ -72,7 +72,12 @@ def test_the_robot_names_its_inverse_kinematics(reached: Reached) -> None:
     kinematics = workcell_model(reached.workcell).structure.inverse_kinematics
     assert kinematics is PANDA.inverse_kinematics
     assert (kinematics.branches, kinematics.free_joints) == (BRANCHES, (6,))
-    arguments = (workcell_model(reached.workcell), np.eye(3)[:, :, None], np.array([[0.4], [0.1], [0.5]]), np.zeros((1, 1)))
+    arguments = (
+        workcell_model(reached.workcell),
+        np.eye(3)[:, :, None],
+        np.array([[0.4], [0.1], [0.5]]),
+        np.zeros((1, 1)),
+    )
     for ours, theirs in zip(kinematics.solve(*arguments), arm_angles(*arguments), strict=True):
         np.testing.assert_array_equal(ours, theirs)
 
@@ -144,7 +149,7 @@ def test_unreachable_poses_are_invalid_and_finite(solve: Solve, reached: Reached
     assert not valid[:, 40:].any()
     down = np.broadcast_to(np.diag([1.0, -1.0, -1.0]), (n, 3, 3))
     for height in (0, 0.316 + 0.384, 1.2 - 0.333, -0.333):
-        q, valid = solve(reached, down, shoulder + [0, 0, height], np.linspace(-2.8, 2.8, n))
+        q, valid = solve(reached, down, shoulder + np.array([0, 0, height]), np.linspace(-2.8, 2.8, n))
         assert np.isfinite(q).all()
     q, valid = solve(reached, down, np.zeros((n, 3)), np.linspace(-2.8, 2.8, n))
     assert np.isfinite(q).all()
