@@ -1,8 +1,10 @@
 """The public API: light to import, each name documented, and `dvr_jax.plan` the function whatever is imported."""
 
 import ast
+import importlib
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -32,10 +34,25 @@ print(seconds, [name for name in {HEAVY} if name in sys.modules])
     assert min(float(seconds) for seconds, _ in measured) < 0.1
 
 
+def text_below(module: str, name: str) -> str:
+    """The text that stands below the definition of a name, in its module or where the module imports it from."""
+    body = ast.parse(Path(importlib.import_module(module).__file__ or "").read_text(encoding="utf-8")).body
+    for statement, after in pairwise([*body, ast.Pass()]):
+        if isinstance(statement, ast.ImportFrom) and name in {alias.name for alias in statement.names}:
+            return text_below(statement.module or "", name)
+        targets = statement.targets if isinstance(statement, ast.Assign) else [getattr(statement, "target", None)]
+        is_definition = any(isinstance(target, ast.Name) and target.id == name for target in targets)
+        if is_definition and isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
+            return str(after.value.value)
+    return ""
+
+
 def test_each_name_resolves_and_is_documented() -> None:
     for name in dvr_jax.__all__:
         value = getattr(dvr_jax, name)
-        documentation = value.__doc__
+        module, _, attribute = dvr_jax._PUBLIC_NAMES[name].partition(":")
+        # The class of a tuple or a dict is documented, but not the value: that is, below it in its module.
+        documentation = value.__doc__ if callable(value) else text_below(module, attribute)
         assert documentation and documentation[0].isupper(), name
         # What a dataclass writes by itself is no documentation.
         assert not documentation.startswith(f"{name}("), name

@@ -10,7 +10,8 @@ import tyro
 from dvr_jax.bench.metrics import Direction, Metric, save_metrics
 from dvr_jax.bench.paper import DATASET
 from dvr_jax.dataset.counts import count_labels
-from dvr_jax.dataset.examples import count_targets, find_shards, load_examples
+from dvr_jax.dataset.examples import count_targets, load_examples
+from dvr_jax.dataset.shards import find_shards
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from dvr_jax.planning.planner import plan
 from dvr_jax.scene.mjcf import COLLISION_GROUP, LOOKS_GROUP, build_model_spec
 from dvr_jax.scene.sampling import sample_scenes
 from dvr_jax.scene.types import Scene
-from dvr_jax.workcell.constants import ARM_NAMES
+from dvr_jax.workcell.workcell import DEFAULT_WORKCELL
 
 _FIXED_LINKS = {"base", "link1"}
 """Links that stand on the table."""
@@ -128,7 +128,7 @@ def _build_drawn_model(scene: Scene) -> mujoco.MjModel:
 def _may_not_touch(names: Sequence[str]) -> bool:
     """Whether a contact of two bodies counts as a penetration."""
     prefixes = [name.split("/")[0] for name in names]
-    arms = [prefix if prefix in ARM_NAMES else "" for prefix in prefixes]
+    arms = [prefix if prefix in DEFAULT_WORKCELL.arm_names else "" for prefix in prefixes]
     links = {name.split("/")[-1] for name, arm in zip(names, arms, strict=True) if arm}
 
     # Contacts between things that are no arms, and within an arm, are not looked at.

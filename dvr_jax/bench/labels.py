@@ -41,6 +41,7 @@ from dvr_jax.planning.path_motion import interpolate
 from dvr_jax.runtime.processes import worker_processes
 from dvr_jax.scene.types import Scene
 from dvr_jax.solver.lane_pool import NlpSolution
+from dvr_jax.workcell.model import workcell_model
 
 FEASIBLE_KEYFRAMES = 8
 """Feasible keyframes from which the oracle starts its paths."""
@@ -107,7 +108,7 @@ def oracle_verdict(scene: Scene, label: Label, generator: np.random.Generator) -
         motion = interpolate(scene, problem, path.q, path.m)
         return check_motion(scene, actions, motion).passed
 
-    return oracle_path(problem, found, generator, accept)
+    return oracle_path(workcell_model(scene.workcell), problem, found, generator, accept)
 
 
 def draw_labels(options: LabelsOptions) -> tuple[list[Drawn], Counter[str]]:

@@ -18,7 +18,8 @@ import tyro
 from dvr_jax.bench.oracle import oracle_keyframes, oracle_path
 from dvr_jax.bench.problems import PROBLEMS, read_rows
 from dvr_jax.logic import Action, Grounding
-from dvr_jax.nlp.transcription import refute, transcribe
+from dvr_jax.nlp.transcription import transcribe
+from dvr_jax.operators import OPERATORS, ground_scene, refute
 from dvr_jax.runtime.files import write_whole
 from dvr_jax.runtime.processes import worker_processes
 from dvr_jax.scene.files import scene_to_json
@@ -27,6 +28,7 @@ from dvr_jax.scene.types import Scene
 from dvr_jax.search.node import Node
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import run_alone
+from dvr_jax.workcell.model import workcell_model
 
 TRIES = 40
 """Actions tried to extend a prefix before another scene is drawn."""
@@ -119,7 +121,7 @@ def random_extension(
     for index in generator.permutation(list(grounding.applicable(state))):
         action = grounding.actions[index]
         after = grounding.successor(state, int(index))
-        if keep(after) and refute(scene, action) is None:
+        if keep(after) and refute(scene, action, OPERATORS) is None:
             return action, after
     return None
 
@@ -213,7 +215,9 @@ def draw_path_problem(seed: int, index: int, length: int) -> dict[str, object]:
         for node in find_sequences(SequenceTree(scene, length), length, 1, generator):
             keyframes = oracle_keyframes(scene, node.actions, generator, FEASIBLE_KEYFRAMES)
             if keyframes:
-                feasible = oracle_path(transcribe(scene, node.actions), keyframes, generator)
+                feasible = oracle_path(
+                    workcell_model(scene.workcell), transcribe(scene, node.actions), keyframes, generator
+                )
                 return _row(scene, node.actions, feasible)
 
 

@@ -50,7 +50,10 @@ class CompactVerdicts:
     """First distinct verdict of each scene, and the number of distinct verdicts at the end."""
 
 
-def compact_verdicts(verdicts: Verdicts, label_ends: Int64[np.ndarray, " scenes_plus_one"]) -> CompactVerdicts:
+def compact_verdicts(
+    verdicts: Verdicts,
+    label_ends: Int64[np.ndarray, " scenes_plus_one"],
+) -> CompactVerdicts:
     """Write each distinct verdict of a scene once.
 
     Args:

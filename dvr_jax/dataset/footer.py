@@ -141,7 +141,7 @@ def decode_footer(text: bytes, path: Path) -> Footer:
 
     if footer.domain != domain_signature():
         raise DvrError(
-            f"{path} was labelled under another symbolic domain (signature {footer.domain}); "
+            f"{path} was labeled under another symbolic domain (signature {footer.domain}); "
             f"valid is {domain_signature()}: its labels speak of other actions."
         )
     return footer

@@ -1,4 +1,4 @@
-"""The layout of a shard's columns (schema version 2): about 400 bytes a scene with 300 labels.
+"""The layout of a shard's columns (schema version 2): about 400 bytes a scene with 450 labels.
 
 One row a scene, so that a scene is stored once and a scene without labels has its place too:
 
@@ -131,7 +131,8 @@ def from_table(table: pa.Table) -> Columns:
     if not np.array_equal(compact.action_ends, action_ends):
         raise ValueError("the number of actions is not that of the labels")
     distinct, verdict_ends = _distinct_verdicts(table)
-    verdicts = expand_verdicts(CompactVerdicts(number, distinct, verdict_ends), label_ends).take(actions.order)
+    compact_form = CompactVerdicts(number, distinct, verdict_ends)
+    verdicts = expand_verdicts(compact_form, label_ends).take(actions.order)
 
     return Columns(
         scene_texts=_scene_texts(table),

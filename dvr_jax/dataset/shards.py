@@ -186,8 +186,9 @@ def read_columns(info: ShardInfo) -> Columns:
     except (pa.ArrowException, OSError, ValueError, LookupError) as error:
         raise _refusal(info.path, error) from None
 
-    is_announced = table["scene"].to_pylist() == list(info.scenes) and len(columns.bound) == info.footer.labels
-    if not is_announced:
+    same_scenes = table["scene"].to_pylist() == list(info.scenes)
+    same_number = len(columns.bound) == info.footer.labels
+    if not (same_scenes and same_number):
         raise DvrError(_broken(info.path, "its rows are not those that its footer announces"))
     return columns
 

@@ -131,14 +131,14 @@ def _assemble(
     actions = [
         Action(instance.operator, tuple(label_of[name] for name in instance.arguments)) for instance in instances
     ]
-    labelled_facts = [(fact[0], *(label_of[name] for name in fact[1:])) for fact in facts]
+    labeled_facts = [(fact[0], *(label_of[name] for name in fact[1:])) for fact in facts]
     _check_distinct("actions", actions)
-    _check_distinct("facts", labelled_facts)
+    _check_distinct("facts", labeled_facts)
 
     return Grounding(
         actions=tuple(actions),
         masks=tuple(masks),
-        facts=tuple(labelled_facts),
+        facts=tuple(labeled_facts),
         initial_state=mask(initial),
         goal=mask(goal),
     )

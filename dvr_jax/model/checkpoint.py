@@ -44,7 +44,10 @@ class TrainingState:
 
     def arrays_beside_parameters(self) -> dict[str, Any]:
         """Return everything but the parameters as one tree of arrays."""
-        return {"optimizer": self.optimizer, "order": np.array([self.seed, self.step], np.int64)}
+        return {
+            "optimizer": self.optimizer,
+            "order": np.array([self.seed, self.step], np.int64),
+        }
 
 
 class CheckpointFolder:
@@ -61,7 +64,11 @@ class CheckpointFolder:
         logging.getLogger("absl").setLevel(logging.ERROR)
         self.folder = folder
         folder.mkdir(parents=True, exist_ok=True)
-        options = ocp.CheckpointManagerOptions(max_to_keep=keep, enable_async_checkpointing=False)
+
+        options = ocp.CheckpointManagerOptions(
+            max_to_keep=keep,
+            enable_async_checkpointing=False,
+        )
         self._manager = ocp.CheckpointManager(folder.absolute(), options=options)
 
     def latest(self) -> int | None:

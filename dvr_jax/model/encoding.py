@@ -239,7 +239,8 @@ def input_signature() -> str:
 
     A network with another signature was trained on other actions.
     """
-    return hashlib.sha256(repr((domain_signature(), SYMBOLS)).encode()).hexdigest()[:16]
+    meaning = repr((domain_signature(), SYMBOLS))
+    return hashlib.sha256(meaning.encode()).hexdigest()[:16]
 
 
 def unfit_reason(scene: Scene, operators: Sequence[Operator]) -> str | None:

@@ -113,7 +113,11 @@ def _parse(record: Any, source: str) -> NetworkMetadata:
         raise DvrError(f"{source}: the metadata are incomplete or of another program ({error}).") from None
 
 
-def check_parameters(tree: ParameterTree, metadata: NetworkMetadata, source: str) -> NetworkParameters:
+def check_parameters(
+    tree: ParameterTree,
+    metadata: NetworkMetadata,
+    source: str,
+) -> NetworkParameters:
     """Check that arrays are the parameters of the network that the metadata describe.
 
     Args:
@@ -137,7 +141,8 @@ def check_parameters(tree: ParameterTree, metadata: NetworkMetadata, source: str
         if found[name].dtype.kind != "f" or not np.isfinite(found[name]).all():
             raise DvrError(f"{source}: the array {name} has values that are not finite numbers; train again.")
 
-    return NetworkParameters(jax.tree.map(lambda value: jnp.asarray(value, "float32"), tree), metadata.config)
+    on_device = jax.tree.map(lambda value: jnp.asarray(value, "float32"), tree)
+    return NetworkParameters(on_device, metadata.config)
 
 
 def flatten(tree: ParameterTree, separator: str) -> dict[str, Any]:

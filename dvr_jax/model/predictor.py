@@ -56,9 +56,9 @@ class Predictor:
     """Images of a real camera (`dvr_jax.model.images.depth_images`); None renders every scene."""
 
     @staticmethod
-    def load(path: Path) -> Predictor:
+    def load(path: str | Path) -> Predictor:
         """Read a network from an exported file, or from the latest checkpoint of a training's folder."""
-        parameters, metadata = load_parameters(path)
+        parameters, metadata = load_parameters(Path(path))
         return Predictor(parameters, metadata)
 
     @staticmethod

@@ -1,10 +1,10 @@
 """Signed distances of everything that can touch, for many slices at once, and the contact wrenches of chosen rows.
 
-Rows are those of `dvr_jax.nlp.collision_rows`. A row that does not count in a slice (an object and the hand that holds it,
-two bodies that stand where the scene has them, an absent object) has the distance `FAR` and a zero wrench.
+Rows are those of `dvr_jax.nlp.collision_rows`. A row that does not count in a slice (an object and the hand that holds
+it, two bodies that stand where the scene has them, an absent object) has the distance `FAR` and a zero wrench.
 
-A capsule's distance to a body is expensive, and nearly all of them are far: there a lower bound is taken in its place, that
-of the capsule's bounding sphere (`NEAR`).
+A capsule's distance to a body is expensive, and nearly all of them are far: there a lower bound is taken in its place,
+that of the capsule's bounding sphere (`NEAR`).
 """
 
 from __future__ import annotations
@@ -17,18 +17,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from dvr_jax.geometry.arrays import Array
-from dvr_jax.geometry.distances import (
-    Prism,
-    axis_point_wrench,
-    capsule_capsule,
-    capsule_capsule_distance,
-    capsule_plane,
-    nearest_on_axis,
-    point_prism,
-    prism_plane,
-    prism_prism,
-)
-from dvr_jax.geometry.vectors import Rotation, Six, Vector, materialize, rotate_back
+from dvr_jax.geometry.capsule_prism import axis_point_wrench, nearest_on_axis
+from dvr_jax.geometry.capsules import capsule_capsule, capsule_capsule_distance, capsule_plane
+from dvr_jax.geometry.prism_prism import prism_prism
+from dvr_jax.geometry.prisms import Prism, point_prism, prism_plane
+from dvr_jax.geometry.vectors import Rotation, SpatialVector, Vector, materialize, rotate_back
 from dvr_jax.modes.mode import ModeKind, ObjectPoses
 from dvr_jax.nlp.collision_rows import object_pairs, row_bodies, table_capsules
 from dvr_jax.nlp.compaction import count_active, gather_chunk, number_of_groups, slot
@@ -39,8 +32,9 @@ FAR = 1.0
 """Distance given to rows that do not count [m]."""
 
 NEAR = 0.03
-"""A capsule's bounding sphere that is farther than this from a body stands for the capsule [m]. Such a row is active only
-while its multiplier exceeds the penalty times this, which takes penetrations at updates that add up to as much."""
+"""A capsule's bounding sphere that is farther than this from a body stands for the capsule [m]. Such a row is active
+only while its multiplier exceeds the penalty times this, which takes penetrations at updates that add up to as
+much."""
 
 
 class Segments(NamedTuple):
@@ -238,7 +232,7 @@ def _measure_pairs(segments: Segments, bodies: Bodies, row: Array, slices: Array
     return jnp.stack([distance, t])
 
 
-def _between_bodies(bodies: Bodies, kind: Array) -> tuple[Float[Array, "pairs slices"], Six]:
+def _between_bodies(bodies: Bodies, kind: Array) -> tuple[Float[Array, "pairs slices"], SpatialVector]:
     """Distances [m] and wrenches of two objects, and of an object and a fixed body."""
     N = kind.shape[0]
     fixed = bodies.position.shape[1] - N
@@ -254,7 +248,7 @@ def _between_bodies(bodies: Bodies, kind: Array) -> tuple[Float[Array, "pairs sl
     return _masked(*prism_prism(*materialize((*pick(first), *pick(second)))), ignored)
 
 
-def _masked(distance: Array, wrench: Six, ignored: Array) -> tuple[Array, Six]:
+def _masked(distance: Array, wrench: SpatialVector, ignored: Array) -> tuple[Array, SpatialVector]:
     return jnp.where(ignored, FAR, distance), jnp.where(ignored, 0, wrench)
 
 

@@ -2,8 +2,8 @@
 
 A arms have C capsules each; there are N objects and F fixed bodies, B = N + F bodies together. Rows, in this order:
 
-- *arm rows*: capsule against capsule, in rectangles of pairs (of different arms, then of the same arm, arm after arm), then
-  capsule against the table;
+- *arm rows*: capsule against capsule, in rectangles of pairs (of different arms, then of the same arm, arm after arm),
+  then capsule against the table;
 - *body rows*: every capsule (first arm's C, then the next arm's) against each body, body after body; object against the
   table; object against object; object against fixed body.
 """

@@ -1,8 +1,8 @@
 """All constraint blocks of a batch of NLPs together: their rows, their violations, their Gauss-Newton system.
 
-What "feasible" means is decided here: every violation of every block, in meters and radians, is within its tolerance. Solver,
-data set, search and benchmarks all use this. The largest single violation counts, never a sum of scaled terms: such a sum
-grows with the horizon. A path is feasible only if its motion between the samples is too
+What "feasible" means is decided here: every violation of every block, in meters and radians, is within its tolerance.
+Solver, data set, search and benchmarks all use this. The largest single violation counts, never a sum of scaled terms:
+such a sum grows with the horizon. A path is feasible only if its motion between the samples is too
 (`dvr_jax.solver.continuous_collision`), and a motion is a solution only if the independent check accepts it.
 """
 
@@ -123,7 +123,7 @@ def violations_of(evaluations: Evaluations) -> Violations:
     return violations
 
 
-def relative_violation(violations: Violations) -> Float[Array, "*batch"]:
+def relative_violation(violations: Mapping[str, Array | float]) -> Float[Array, "*batch"]:
     """The largest violation as a multiple of its tolerance: feasible where it is at most 1."""
     ratios = [value / TOLERANCES[name] for name, value in violations.items()]
     # On the host single lanes are judged, where NumPy is a hundred times faster.
@@ -216,7 +216,8 @@ def gauss_newton_system(
     Args:
         problem: The NLP, without batch axes.
         x: The point at which it is taken.
-        jacobians: Derivatives of each block's rows, by block name; for the collisions the `NormalEquations` of the samples.
+        jacobians: Derivatives of each block's rows, by block name; for the collisions the `NormalEquations` of the
+        samples.
         multiplier_estimate: Derivative of the Lagrangian by each row, by block name.
         active_penalty: Penalty of each row where it is active, else 0.
         gradient_scale: Factor of the costs' gradient, whose Hessian stays as it is.

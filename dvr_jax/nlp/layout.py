@@ -1,7 +1,7 @@
 """A batch of problems at given variables, laid out as slices.
 
-Every leaf of a problem and of its variables has a leading axis B here. Problem b contributes T' = T M slices, M samples of
-each of its T slices; all of them together are L = B T' slices.
+Every leaf of a problem and of its variables has a leading axis B here. Problem b contributes T' = T M slices, M
+samples of each of its T slices; all of them together are L = B T' slices.
 """
 
 from __future__ import annotations
@@ -124,8 +124,8 @@ def _phases_to_slices(value: Array, samples: int) -> Array:
 def _finger_openings(problems: Problem, samples: int, M: int) -> Float[Array, "arms slices"]:
     """Finger openings at each sample.
 
-    In the M samples of a switch's slice it is the wider one of before and after the switch, so that fingers that open as
-    they let go find room.
+    In the M samples of a switch's slice it is the wider one of before and after the switch, so that fingers that open
+    as they let go find room.
     """
     B, K, arms = problems.arm_at_rest.shape
     before = problems.finger_opening[:, :-1]

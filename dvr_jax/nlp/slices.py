@@ -1,9 +1,9 @@
 """Geometry of many slices side by side: distances, their derivatives, and what they add to the normal equations.
 
-A slice knows neither its problem nor its horizon: keyframes and paths of any length are laid out as L slices, and what is
-compiled for some numbers of slices serves them all. Derivatives are contact wrenches times twists in closed form (never
-those of a whole slice, which cost 35 to 150 times the evaluation), and only of active rows: most of a slice's hundred and
-more distances are not in contact. For a row with wrench w between two bodies with twists V1, V2,
+A slice knows neither its problem nor its horizon: keyframes and paths of any length are laid out as L slices, and what
+is compiled for some numbers of slices serves them all. Derivatives are contact wrenches times twists in closed form
+(never those of a whole slice, which cost 35 to 150 times the evaluation), and only of active rows: most of a slice's
+hundred and more distances are not in contact. For a row with wrench w between two bodies with twists V1, V2,
 
     d(distance) = w . (V1 - V2),        V = sum over columns of (twist of the column) d(column).
 
@@ -30,8 +30,8 @@ from dvr_jax.workcell.kinematics import BasePoses, capsule_segments, hand_pose, 
 from dvr_jax.workcell.model import WorkcellModel
 
 ACTIVE_ROWS = 4
-"""Active rows of a slice that enter its sums together. Of the slices of paths one in seven has an active row, and hardly
-any has more than four."""
+"""Active rows of a slice that enter its sums together. Of the slices of paths one in seven has an active row, and
+hardly any has more than four."""
 
 
 class Slices(NamedTuple):

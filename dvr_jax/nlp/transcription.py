@@ -1,7 +1,7 @@
 """From symbols to arrays: a scene and a sequence of actions become one `Problem`.
 
-What an action means geometrically, its operator says (`dvr_jax.operators`); this module walks along the sequence, keeps the
-modes of all objects, and writes the switches down as arrays.
+What an action means geometrically, its operator says (`dvr_jax.operators`); this module walks along the sequence,
+keeps the modes of all objects, and writes the switches down as arrays.
 """
 
 from __future__ import annotations
@@ -112,9 +112,9 @@ def transcribe_switch(
 ) -> Problem:
     """Write the keyframe NLP of an action alone, whose object is held as an earlier action says.
 
-    This is a relaxation of all sequences in which `action` follows `before` as the next one on its object. How the object
-    came to be held is free: the first of the two slices is empty but for what the gripper holds, and nothing is switched
-    there.
+    This is a relaxation of all sequences in which `action` follows `before` as the next one on its object. How the
+    object came to be held is free: the first of the two slices is empty but for what the gripper holds, and nothing is
+    switched there.
 
     Args:
         scene: A valid scene.

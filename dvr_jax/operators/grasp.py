@@ -39,7 +39,8 @@ LARGEST_GRASP = (1e3, 1e3, PITCH_RANGE, math.pi)
 """Largest mode parameters of a proposed grasp, where its own bounds are wider [m, m, rad, rad]."""
 
 MEETING_ALONG = 0.25
-"""Objects are handed over within this distance of the meeting region's center, along the line through both bases [m]."""
+"""Objects are handed over within this distance of the meeting region's center, along the line through both bases
+[m]."""
 
 MEETING_ACROSS = 0.4
 """The same across that line [m]."""

@@ -1,8 +1,8 @@
 """Proposals: random mode parameters for one action, and the gripper poses that they ask for.
 
-Batch axes are (M, B, J): M prefixes, B keyframe candidates of each, J proposals for each candidate. Random numbers come in
-as an array ``u`` of uniform numbers in [0, 1), `UNIFORM_NUMBERS` for each (B, J), the same for every prefix: what a prefix
-gets does not depend on the batch that it is in.
+Batch axes are (M, B, J): M prefixes, B keyframe candidates of each, J proposals for each candidate. Random numbers
+come in as an array ``u`` of uniform numbers in [0, 1), `UNIFORM_NUMBERS` for each (B, J), the same for every prefix:
+what a prefix gets does not depend on the batch that it is in.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from dvr_jax.checker import CheckReport
+from dvr_jax.checker import CHECKS, CheckReport, OperatorCheck
 from dvr_jax.checker.replay import check_motion
 from dvr_jax.logic import Action
 from dvr_jax.motion.motion import Motion
@@ -12,7 +12,12 @@ from dvr_jax.planning.arguments import parse_actions, require_motion, require_sc
 from dvr_jax.scene.types import Scene
 
 
-def check(scene: Scene, actions: Sequence[Action | str], motion: Motion) -> CheckReport:
+def check(
+    scene: Scene,
+    actions: Sequence[Action | str],
+    motion: Motion,
+    checks: Sequence[OperatorCheck] = CHECKS,
+) -> CheckReport:
     """Replay a motion in MuJoCo and report everything that is wrong with it.
 
     The check is kinematic and independent: it shares no code with the optimizer.
@@ -22,6 +27,7 @@ def check(scene: Scene, actions: Sequence[Action | str], motion: Motion) -> Chec
         actions: Actions that the motion claims to carry out, as `Action` or as text such as "grasp(left, +x, yellow)";
             one for each switch of the motion.
         motion: States of the whole scene, sampled in time.
+        checks: What the operators of the actions mean to the check.
 
     Returns:
         The verdict, and the findings with their times.
@@ -34,4 +40,4 @@ def check(scene: Scene, actions: Sequence[Action | str], motion: Motion) -> Chec
     valid_actions = parse_actions("the list of actions", actions)
     valid_motion = require_motion(motion)
 
-    return check_motion(valid_scene, valid_actions, valid_motion)
+    return check_motion(valid_scene, valid_actions, valid_motion, checks)

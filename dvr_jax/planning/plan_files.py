@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,10 +12,10 @@ import msgspec
 
 from dvr_jax.checker import CheckReport
 from dvr_jax.errors import DataError, DvrError
-from dvr_jax.logic import Action
+from dvr_jax.logic import Action, Grounding
 from dvr_jax.motion.file import load_motion, save_motion
 from dvr_jax.motion.motion import Motion
-from dvr_jax.operators import ground_scene
+from dvr_jax.operators import Operator, ground_scene
 from dvr_jax.scene.files import scene_from_json, scene_to_json
 from dvr_jax.scene.layout import qpos_layout
 from dvr_jax.scene.mjcf import scene_xml
@@ -116,8 +117,12 @@ def encode_plan(plan: Plan) -> bytes:
     return msgspec.json.format(msgspec.json.encode(record), indent=1) + b"\n"
 
 
-def load_plan_fields(folder: Path) -> dict[str, Any]:
+def load_plan_fields(folder: Path, operators: Sequence[Operator]) -> dict[str, Any]:
     """Read the files of a plan and return the fields of `Plan` by their names.
+
+    Args:
+        folder: Folder that a plan was saved to.
+        operators: Operators that the plan's actions may be of.
 
     Raises:
         DataError: The folder holds no plan, or its files are broken or contradict each other.
@@ -131,7 +136,7 @@ def load_plan_fields(folder: Path) -> dict[str, Any]:
     motion = None
     if record.status == PlanStatus.SOLVED:
         motion = _load_fitting_motion(folder, scene, actions)
-    _require_agreement(path, record, scene, actions)
+    _require_agreement(path, record, ground_scene(scene, operators), actions)
 
     return {
         "scene": scene,
@@ -145,6 +150,7 @@ def load_plan_fields(folder: Path) -> dict[str, Any]:
         "verdicts": record.verdicts,
         "rejected": record.rejected_by_check,
         "options": dict(record.options),
+        "operators": tuple(operators),
     }
 
 
@@ -178,7 +184,7 @@ def _load_fitting_motion(folder: Path, scene: Scene, actions: tuple[Action, ...]
     return motion
 
 
-def _require_agreement(path: Path, record: _PlanFile, scene: Scene, actions: tuple[Action, ...]) -> None:
+def _require_agreement(path: Path, record: _PlanFile, grounding: Grounding, actions: tuple[Action, ...]) -> None:
     """Refuse a plan whose status, actions and check contradict each other."""
     if record.status != PlanStatus.SOLVED:
         if actions or record.check is not None:
@@ -188,7 +194,6 @@ def _require_agreement(path: Path, record: _PlanFile, scene: Scene, actions: tup
     if record.check is None or not record.check.passed:
         raise DataError(f"{path} says that the plan is solved, but not that it passed the check.")
 
-    grounding = ground_scene(scene)
     try:
         grounding.check_sequence(actions)
     except DvrError as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Self
@@ -101,8 +102,12 @@ class Plan:
         save_plan(Path(folder), self, pictures, animation)
 
     @classmethod
-    def load(cls, folder: str | Path) -> Self:
+    def load(cls, folder: str | Path, operators: Sequence[Operator] = OPERATORS) -> Self:
         """Read a plan that `save` wrote; the result equals the plan that was saved.
+
+        Args:
+            folder: Folder that a plan was saved to.
+            operators: Operators that the plan's actions may be of.
 
         Raises:
             DataError: The folder holds no plan, or its files are broken or contradict each other.
@@ -110,7 +115,7 @@ class Plan:
         """
         from dvr_jax.planning.plan_files import load_plan_fields
 
-        return cls(**load_plan_fields(Path(folder)))
+        return cls(**load_plan_fields(Path(folder), operators))
 
     def scene_after(self) -> Scene:
         """Return the valid scene that the plan leaves behind.

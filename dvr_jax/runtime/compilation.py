@@ -147,10 +147,13 @@ class Program(Generic[_P, _R]):
         """Return the file for the executable of a key, or None if it is not kept."""
         cache = cache_folder()
         name = f"{self._function.__module__}.{self._function.__qualname__}"
-        if cache is None or not name.startswith("dvr_jax.") or "<" in name:
+        text = repr((name, key))
+        # "<" also stands in the key where static data holds a function of another program, such as the inverse
+        # kinematics of a user's robot: its sources are unknown too.
+        if cache is None or not name.startswith("dvr_jax.") or "<" in text:
             return None
 
-        digest = hashlib.sha256(repr((name, key)).encode()).hexdigest()
+        digest = hashlib.sha256(text.encode()).hexdigest()
         return cache / _environment_folder() / f"{name}-{digest[:32]}.executable"
 
 

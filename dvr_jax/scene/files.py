@@ -236,7 +236,14 @@ def _home_record(workcell: Workcell) -> HomeRecord | None:
 
 def _workcell_record(workcell: Workcell) -> WorkcellRecord:
     robot = workcell.robot
-    if robot_named(robot.name) != robot:
+    try:
+        registered = robot_named(robot.name)
+    except DvrError:
+        raise SceneError(
+            f"no robot is registered as '{robot.name}', so a scene file cannot refer to this one; "
+            "valid is a robot that register_robot has made known."
+        ) from None
+    if registered != robot:
         raise SceneError(f"another robot is registered as '{robot.name}'; a scene file cannot refer to this one.")
 
     arms = tuple(

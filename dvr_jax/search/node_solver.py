@@ -22,14 +22,16 @@ from dvr_jax.search.node import Node
 from dvr_jax.search.work import ExtendBeams, SolveNlps, Steps
 from dvr_jax.seeds.beam_batches import BeamTask, adopt_solution
 from dvr_jax.seeds.initial_paths import initial_path, keyframe_start, path_problem
-from dvr_jax.seeds.keyframe_beam import BEAM_WIDTH, UNREACHABLE, KeyframeBeam, held_beam
+from dvr_jax.seeds.keyframe_beam import (
+    BEAM_WIDTH,
+    CERTIFIED_PENETRATION,
+    UNREACHABLE,
+    KeyframeBeam,
+    held_beam,
+)
 from dvr_jax.solver.augmented_lagrangian import Settings
 from dvr_jax.solver.lane_pool import NlpSolution
 from dvr_jax.workcell.model import workcell_model
-
-CERTIFIED_PENETRATION = 5e-4
-"""A candidate whose penetrations sum up to at most this proves its prefix's keyframes feasible: it meets all other
-constraints exactly [m]."""
 
 FURTHER_STARTS = (5, 10)
 """Ranks of the candidates that the keyframe NLP is started from where the best one fails: neighbors in rank often are
@@ -59,8 +61,8 @@ class Counts:
     """NLP solves (starts count singly): "pose", "sequence", "path"."""
 
     verdicts: Counter[str] = field(default_factory=Counter)
-    """Prefixes judged, by bound, including those that a candidate proved feasible or the scene refuted; "leaf": sequences
-    that reach the goal and were considered."""
+    """Prefixes judged, by bound, including those that a candidate proved feasible or the scene refuted; "leaf":
+    sequences that reach the goal and were considered."""
 
     feasible: Counter[str] = field(default_factory=Counter)
     """Those of the verdicts that say feasible."""

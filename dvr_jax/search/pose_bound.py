@@ -1,9 +1,9 @@
 """The pose bound: keyframes of the actions on one object alone, whose verdicts many sequences share.
 
-A *chain* is the sequence of all actions on one object so far; all other objects that have moved meanwhile are left out of the
-world. A chain whose keyframes are infeasible refutes every sequence that contains it. Before the chain, its last switch is
-judged alone where the object is held: how it was grasped is free, so that one verdict, of two slices, is shared by all chains
-that end with the same two actions.
+A *chain* is the sequence of all actions on one object so far; all other objects that have moved meanwhile are left out
+of the world. A chain whose keyframes are infeasible refutes every sequence that contains it. Before the chain, its
+last switch is judged alone where the object is held: how it was grasped is free, so that one verdict, of two slices,
+is shared by all chains that end with the same two actions.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from dvr_jax.search.node_solver import NodeSolver
 from dvr_jax.search.work import Steps
 
 SWITCH_SAMPLES = 2
-"""Samples that have to fail before a last switch alone refutes what ends with it: that is a lot, and one sample misses 1 to 5
-of 1,139 switches known to be feasible."""
+"""Samples that have to fail before a last switch alone refutes what ends with it: that is a lot, and one sample misses
+1 to 5 of 1,139 switches known to be feasible."""
 
 Actions = tuple[Action, ...]
 Ignored = frozenset[str]

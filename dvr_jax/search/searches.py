@@ -1,8 +1,8 @@
 """Breadth-first search and multi-bound tree search over the sequences of one scene, and all searches by name.
 
-These two visit sequences in order of length and stop at the first whose path is accepted; both are complete up to K_max: they
-end without a solution only when every sequence has been refuted by some bound (or at the time limit). Within a length,
-sequences that reach the goal come first. They differ in what they compute on the way:
+These two visit sequences in order of length and stop at the first whose path is accepted; both are complete up to
+K_max: they end without a solution only when every sequence has been refuted by some bound (or at the time limit).
+Within a length, sequences that reach the goal come first. They differ in what they compute on the way:
 
 - *breadth-first* takes the sequence bound of every prefix;
 - *multi-bound* (Toussaint and Lopes 2017) prunes with the pose bound, whose verdicts many prefixes share, and takes the
@@ -42,8 +42,8 @@ def breadth_first(session: SearchSession) -> Steps[Outcome]:
 def multi_bound(session: SearchSession) -> Steps[Outcome]:
     """Search with several bounds: the pose bound prunes, the sequence bound is taken along goal-reaching sequences.
 
-    Pose bounds of short prefixes are taken at once; those of longer ones, which are many, only along the sequences whose turn
-    it is, or where a shorter one has refuted them already.
+    Pose bounds of short prefixes are taken at once; those of longer ones, which are many, only along the sequences
+    whose turn it is, or where a shorter one has refuted them already.
     """
 
     def judge(nodes: list[Node]) -> Steps[list[Node]]:

@@ -1,15 +1,15 @@
 """The tree of action sequences of one scene, and the verdicts of its bounds, computed once and kept.
 
-Bounds of a node, each a relaxation of the next, so that infeasible under one means infeasible under all that follow and for
-all descendants:
+Bounds of a node, each a relaxation of the next, so that infeasible under one means infeasible under all that follow
+and for all descendants:
 
 - *symbolic*: the goal can be reached within K_max actions; no action is refuted by a constant of the scene;
 - *pose*: the keyframes of the actions on one object alone (`dvr_jax.search.pose_bound`);
 - *sequence*: the keyframes of the whole prefix;
 - *path*: the whole motion of a sequence that reaches the goal.
 
-Bounds are generators: they ask for work (`dvr_jax.search.work`) and go on when it is done, so that the trees of many scenes
-can share batches. Only `SequenceTree.retry_refuted` takes a verdict back.
+Bounds are generators: they ask for work (`dvr_jax.search.work`) and go on when it is done, so that the trees of many
+scenes can share batches. Only `SequenceTree.retry_refuted` takes a verdict back.
 """
 
 from __future__ import annotations

@@ -46,6 +46,7 @@ class _Programs:
         """
         self.model: WorkcellModel = workcell_model(scene.workcell)
         self.k_max = k_max
+        self.operators = operators
         self.settings = Settings(iteration_limit=1)
         actions = covering_sequence(scene, k_max, operators)
         lengths = range(1, len(actions) + 1)
@@ -155,16 +156,16 @@ def _jobs(programs: _Programs, scene: Scene, network: SequencePredictor[Images, 
     # shortest or the longest, so these come last.
     middle = (1 + len(lengths)) / 2 - 0.25
     from_middle = sorted(lengths, key=lambda length: abs(length - middle))
-    jobs: list[Job] = [partial(_query, scene, programs.k_max, network)]
+    jobs: list[Job] = [partial(_query, programs, scene, network)]
     for part in (from_middle[:-2], from_middle[-2:]):
         jobs += [keyframes[length] for length in part]
         jobs += [paths[length] for length in part]
     return [*jobs, *extensions]
 
 
-def _query(scene: Scene, k_max: int, network: SequencePredictor[Images, Encoding]) -> None:
+def _query(programs: _Programs, scene: Scene, network: SequencePredictor[Images, Encoding]) -> None:
     """Ask a network for one child and for as many as there may be."""
-    tree = SequenceTree(scene, k_max)
+    tree = SequenceTree(scene, programs.k_max, operators=programs.operators)
     encoding = network.encode_scene(scene, tree.grounding)
     widest = len(tree.grounding.applicable(tree.grounding.initial_state))
     for children in (1, widest):

@@ -1,7 +1,7 @@
 """Extending the beams of lists of prefixes: padded to few numbers of lanes, so that little is compiled.
 
-The interface between search (lists of Python objects) and compiled code (stacked arrays). What a prefix gets does not depend
-on what else is in the lists.
+The interface between search (lists of Python objects) and compiled code (stacked arrays). What a prefix gets does not
+depend on what else is in the lists.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ class BeamTask:
 def lane_counts(tasks: Sequence[BeamTask]) -> list[int]:
     """How many prefixes each of these shares a call with when they are asked for together.
 
-    A program of other lanes may round differently, so the number depends only on the request, and not on which other requests
-    share the batch.
+    A program of other lanes may round differently, so the number depends only on the request, and not on which other
+    requests share the batch.
     """
     keys = [_program_key(task) for task in tasks]
     counts = Counter(keys)
@@ -53,9 +53,9 @@ def lane_counts(tasks: Sequence[BeamTask]) -> list[int]:
     return [1 if counts[key] <= sizes.few else sizes.beam_lanes for key in keys]
 
 
-def _program_key(task: BeamTask) -> tuple[str, int]:
+def _program_key(task: BeamTask) -> tuple[Proposal, int]:
     """How the last action is sampled, and how many actions are before it: one call serves what is equal in both."""
-    return task.proposal.name, number_of_phases(task.problem) - 1
+    return task.proposal, number_of_phases(task.problem) - 1
 
 
 def extend_beams(
@@ -69,7 +69,7 @@ def extend_beams(
         lanes: The tasks' `lane_counts`.
         seed: Of the sample.
     """
-    groups: dict[tuple[tuple[str, int], int], list[int]] = {}
+    groups: dict[tuple[tuple[Proposal, int], int], list[int]] = {}
     for index, (task, count) in enumerate(zip(tasks, lanes, strict=True)):
         groups.setdefault((_program_key(task), count), []).append(index)
 

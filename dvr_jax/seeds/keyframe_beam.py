@@ -1,18 +1,19 @@
 """Starts for the keyframe NLP: a beam of candidates that is extended action by action along the tree of sequences.
 
-The NLP has local minima (which way the elbow points, from which side the gripper comes, where on the table an object is put),
-and one start near the home posture misses most feasible problems. So every prefix of a sequence keeps a *beam*: a few
-candidates, each of them joint angles at each switch and mode parameters that meet all switch constraints exactly, by
-closed-form inverse kinematics, ranked by how deep things penetrate. The beam of a child is sampled from its parent's:
-proposals of mode parameters (`dvr_jax.operators`), inverse kinematics, distances, and the best are kept with a handicap for
-siblings. Sequences with a common prefix share its beam.
+The NLP has local minima (which way the elbow points, from which side the gripper comes, where on the table an object
+is put), and one start near the home posture misses most feasible problems. So every prefix of a sequence keeps a
+*beam*: a few candidates, each of them joint angles at each switch and mode parameters that meet all switch constraints
+exactly, by closed-form inverse kinematics, ranked by how deep things penetrate. The beam of a child is sampled from
+its parent's: proposals of mode parameters (`dvr_jax.operators`), inverse kinematics, distances, and the best are kept
+with a handicap for siblings. Sequences with a common prefix share its beam.
 
-Candidates propose. One that touches nothing is a feasible point by itself
-(`dvr_jax.search.node_solver.CERTIFIED_PENETRATION`); in all other cases the NLP decides.
+Candidates propose. One that touches nothing is a feasible point by itself (`CERTIFIED_PENETRATION`); in all other cases
+the NLP decides.
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import jax
@@ -54,6 +55,10 @@ FREE_ANGLE_SAMPLES = 3
 
 HOME_DISTANCE_WEIGHT = 0.01
 """Cost of the squared distance of a posture from home [1/rad^2]; it ranks postures that reach their pose."""
+
+CERTIFIED_PENETRATION = 5e-4
+"""A candidate whose penetrations sum up to at most this proves its prefix's keyframes feasible: it meets all other
+constraints exactly [m]."""
 
 UNREACHABLE = 10.0
 """Stands for the violation of a proposal without inverse kinematics [m]."""
@@ -163,7 +168,8 @@ def held_beam(problem: Problem, k_max: int, seed: int) -> KeyframeBeam:
 
 
 def random_shape(model: WorkcellModel) -> tuple[int, int, int]:
-    """Shape of the uniform numbers that one extension takes: for the proposals, then for the free joints of two arms."""
+    """Shape of the uniform numbers that one extension takes: for the proposals, then for the free joints of two
+    arms."""
     free = len(model.structure.inverse_kinematics.free_joints)
     return (UNIFORM_NUMBERS + 2 * FREE_ANGLE_SAMPLES * free, BEAM_WIDTH, PROPOSALS)
 
@@ -228,7 +234,8 @@ def _reach(model: WorkcellModel, step: BeamStep, arm: Array, R: Rotation, p: Vec
         return repeated.reshape(*leading, -1)
 
     local_R, local_p = materialize((flat(local_R), flat(local_p)))
-    q, failure = kinematics.solve(model, local_R, local_p, free.reshape(len(free), -1))
+    lanes = number * math.prod(shape)
+    q, failure = kinematics.solve(model, local_R, local_p, free.reshape(len(free), lanes))
     q = q.reshape(len(q), kinematics.branches * number, *shape)
     failure = failure.reshape(kinematics.branches * number, *shape)
 

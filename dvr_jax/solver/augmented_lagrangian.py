@@ -1,6 +1,7 @@
 """An augmented-Lagrangian Gauss-Newton method for one lane, whatever the problem: pure functions under `vmap`.
 
-With costs r (half their sum of squares), equalities h = 0 and inequalities g <= 0, penalties p and multipliers y, z >= 0:
+With costs r (half their sum of squares), equalities h = 0 and inequalities g <= 0, penalties p and multipliers y, z >=
+0:
 
     L(x) = 1/2 |r|^2 + y.h + p/2 |h|^2 + 1/(2 p) sum(max(0, z + p g)^2 - z^2)
 
@@ -12,13 +13,13 @@ leads to the next trial point (`next_trial`). When the steps of a subproblem hav
 
 and the penalty grows if the violation did not fall enough.
 
-What counts is feasibility. The first subproblem that ends near it is followed by a restoration: some iterations in which the
-costs' gradient is left out and their Hessian is kept, so that the lane goes to the feasible points that the costs' metric
-calls closest (as the restoration phases of filter methods: Fletcher and Leyffer 2002). If it does not arrive, the method goes
-on with costs and multipliers.
+What counts is feasibility. The first subproblem that ends near it is followed by a restoration: some iterations in
+which the costs' gradient is left out and their Hessian is kept, so that the lane goes to the feasible points that the
+costs' metric calls closest (as the restoration phases of filter methods: Fletcher and Leyffer 2002). If it does not
+arrive, the method goes on with costs and multipliers.
 
-Constraint rows come as a sequence of arrays, one for each kind; ``equalities`` says which kinds are equalities. Variables,
-steps and systems are trees of arrays that only the caller knows.
+Constraint rows come as a sequence of arrays, one for each kind; ``equalities`` says which kinds are equalities.
+Variables, steps and systems are trees of arrays that only the caller knows.
 """
 
 from __future__ import annotations
@@ -118,8 +119,8 @@ class Settings(NamedTuple):
     """A lane also stagnates when its least violation lies above a course: from this iteration on ..."""
 
     course_ratio: float = 60.0
-    """... the course falls, as a straight line in its logarithm, from this multiple of the tolerance to the tolerance at the
-    iteration limit."""
+    """... the course falls, as a straight line in its logarithm, from this multiple of the tolerance to the tolerance
+    at the iteration limit."""
 
 
 class SolverState(NamedTuple):
@@ -264,10 +265,11 @@ def lagrangian_rows(
 
 
 def _sum(value: Array) -> Array:
-    """Sum of all entries, as products with ones: XLA's CPU backend adds up one by one what a product adds up in parallel.
+    """Sum of all entries, as products with ones: XLA's CPU backend adds up one by one what a product adds up in
+    parallel.
 
-    Under `vmap` lanes become rows of one product, which may add up its last rows in another order: a lane's sum depends on
-    its place by a few units of the last digit, a millionth of what `judge_trial` lets pass.
+    Under `vmap` lanes become rows of one product, which may add up its last rows in another order: a lane's sum
+    depends on its place by a few units of the last digit, a millionth of what `judge_trial` lets pass.
     """
     value = materialize(value)
     while value.ndim:

@@ -1,9 +1,9 @@
 """Collisions between the samples of a path.
 
-A motion must be free of collisions at all times, an NLP looks at some of them: a semi-infinite constraint, which an exchange
-method meets (Hettich and Kortanek, Semi-infinite programming, SIAM Review 35, 1993). A path is solved with `PATH_SAMPLES`
-samples an interval; where the motion through its solution penetrates at other times, samples move there, and the solver goes
-on from where it is.
+A motion must be free of collisions at all times, an NLP looks at some of them: a semi-infinite constraint, which an
+exchange method meets (Hettich and Kortanek, Semi-infinite programming, SIAM Review 35, 1993). A path is solved with
+`PATH_SAMPLES` samples an interval; where the motion through its solution penetrates at other times, samples move
+there, and the solver goes on from where it is.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from dvr_jax.solver.iteration import lay_out_chunks, measure_chunk
 from dvr_jax.workcell.model import WorkcellModel
 
 PATH_SAMPLES = 3
-"""Samples in the interval before each slice: one at the slice, one in either half of the interval. With the slices alone a
-finger hops over an object's edge between two of them."""
+"""Samples in the interval before each slice: one at the slice, one in either half of the interval. With the slices
+alone a finger hops over an object's edge between two of them."""
 
 SAMPLES_PER_SLICE = 10
 """Rate at which a motion is looked at, per slice of the path."""
@@ -89,8 +89,9 @@ def even_fractions(slices: int, samples: int = PATH_SAMPLES) -> Float[np.ndarray
 def sample_penetration(model: WorkcellModel, problems: Problem, x: Variables) -> PenetrationSamples:
     """Look for penetrations between the samples of a batch of paths.
 
-    Looked at are the times 1/R, ..., (R - 1)/R of each interval, R = `SAMPLES_PER_SLICE`, and the middles of those gaps between
-    them whose ends are deepest, as many as a slice has samples: a finger can pass an object's edge within one gap.
+    Looked at are the times 1/R, ..., (R - 1)/R of each interval, R = `SAMPLES_PER_SLICE`, and the middles of those
+    gaps between them whose ends are deepest, as many as a slice has samples: a finger can pass an object's edge within
+    one gap.
 
     Args:
         model: Arms of the workcell.
@@ -132,8 +133,8 @@ def exchange_samples(
 ) -> Problem:
     """Move samples to where the motion penetrates.
 
-    All samples are placed on the motion through `q`; where the motion penetrates too deep within the part of an interval that
-    a sample stands for, the sample moves to the deepest place.
+    All samples are placed on the motion through `q`; where the motion penetrates too deep within the part of an
+    interval that a sample stands for, the sample moves to the deepest place.
 
     Args:
         problem: The NLP, without batch axes.

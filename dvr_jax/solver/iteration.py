@@ -1,8 +1,8 @@
 """One iteration of the augmented-Lagrangian method on many NLPs of the same shape at once, one lane each.
 
-Every lane carries a status; nothing is raised under jit, and a lane that has ended no longer changes. An iteration is two
-compiled programs: `measure_chunk` does the geometry, whose compilation is expensive, for chunks of few sizes, of slices of any
-problem with the same numbers of objects; `step` does the rest and is compiled for each horizon.
+Every lane carries a status; nothing is raised under jit, and a lane that has ended no longer changes. An iteration is
+two compiled programs: `measure_chunk` does the geometry, whose compilation is expensive, for chunks of few sizes, of
+slices of any problem with the same numbers of objects; `step` does the rest and is compiled for each horizon.
 """
 
 from __future__ import annotations

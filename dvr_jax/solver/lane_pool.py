@@ -1,7 +1,7 @@
 """Solving lists of NLPs: a pool of lanes that are iterated together and filled again as they end.
 
-The interface between search (lists of Python objects) and compiled code (stacked arrays). The result for one problem does not
-depend on what else is in the list, but for the last digits of the augmented Lagrangian's value.
+The interface between search (lists of Python objects) and compiled code (stacked arrays). The result for one problem
+does not depend on what else is in the list, but for the last digits of the augmented Lagrangian's value.
 """
 
 from __future__ import annotations
@@ -92,8 +92,8 @@ def solve(
 ) -> list[NlpSolution]:
     """Solve NLPs of one shape from one start each.
 
-    A path whose motion penetrates between its samples goes on with other samples (`dvr_jax.solver.continuous_collision`); of
-    one with samples at its slices alone nothing else is looked at.
+    A path whose motion penetrates between its samples goes on with other samples
+    (`dvr_jax.solver.continuous_collision`); of one with samples at its slices alone nothing else is looked at.
 
     Args:
         model: Arms of the workcell that all problems share.
@@ -115,8 +115,8 @@ def solve(
 class LanePool:
     """Lanes that solve a list of NLPs of one shape.
 
-    All lanes are iterated together by compiled programs. Lanes that have ended are filled again once `REFILL_FRACTION` of them
-    wait, so that slow ones hold nobody up.
+    All lanes are iterated together by compiled programs. Lanes that have ended are filled again once `REFILL_FRACTION`
+    of them wait, so that slow ones hold nobody up.
     """
 
     def __init__(self, model: WorkcellModel, tasks: Sequence[NlpTask], settings: Settings) -> None:

@@ -325,7 +325,8 @@ class Robot:
         values = np.array(self.model.numeric(index).data)
         if len(values) != count:
             raise DvrError(
-                f"the <numeric name=\"{name}\"> of the robot '{self.name}' has {len(values)} numbers; valid are {count}."
+                f"the <numeric name=\"{name}\"> of the robot '{self.name}' has {len(values)} numbers; "
+                f"valid are {count}."
             )
         return values
 

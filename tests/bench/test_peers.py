@@ -5,6 +5,7 @@ import importlib
 import mujoco
 import numpy as np
 import pytest
+from dvr_jax.workcell.constants import ARM_NAMES
 
 from dvr_jax.bench.peer_judging import judge_point
 from dvr_jax.bench.peers import PeersOptions, draw_sequence, run
@@ -20,7 +21,6 @@ from dvr_jax.scene.validation import make_scene
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import run_alone
 from dvr_jax.seeds.initial_paths import STEPS_PER_PHASE
-from dvr_jax.workcell.constants import ARM_NAMES
 
 try:
     load_robotic()

@@ -161,7 +161,7 @@ def test_the_check_knows_neither_jax_nor_the_planner() -> None:
     program = (
         "import sys, dvr_jax.checker\n"
         f"planner = tuple('dvr_jax.' + name for name in {FORBIDDEN})\n"
-        "arrays = ('dvr_jax.geometry.vectors', 'dvr_jax.geometry.distances', 'dvr_jax.workcell.kinematics')\n"
+        "arrays = ('dvr_jax.geometry.vectors', 'dvr_jax.geometry.prisms', 'dvr_jax.workcell.kinematics')\n"
         "is_jax = [name for name in sys.modules if name.split('.')[0] in ('jax', 'jaxlib')]\n"
         "bad = is_jax + [name for name in sys.modules if name.startswith(planner + arrays)]\n"
         "sys.exit(str(bad) if bad else 0)"

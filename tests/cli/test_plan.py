@@ -16,13 +16,13 @@ from dvr_jax.cli import plan as command
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import Action
 from dvr_jax.model.predictor import load_network
-from dvr_jax.motion.motion import load_motion
+from dvr_jax.motion import load_motion
 from dvr_jax.planning.planner import Plan
-from dvr_jax.scene.files import Goal, Region, SceneObject, load_scene, make_scene, save_scene
+from dvr_jax.scene.files import OnRegion, Region, SceneObject, load_scene, make_scene, save_scene
 
 NEAR = make_scene(
     [SceneObject("tile", "box", (0.05, 0.05, 0.08), (-0.35, 0.2), 0.2)],
-    Goal("tile", Region((-0.35, -0.2), 0.0, (0.12, 0.12))),
+    OnRegion("tile", Region((-0.35, -0.2), 0.0, (0.12, 0.12))),
 )
 """One arm does it alone."""
 

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 from synthetic import OPTIONS, synthetic
 
-from dvr_jax.dataset import Label, list_shards, write_shard
+from dvr_jax.dataset.labels import Label
+from dvr_jax.dataset.shards import list_shards, write_shard
 from dvr_jax.errors import DvrError
 
 SCENES, _ = synthetic(3, 4)

@@ -19,10 +19,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from synthetic import OPTIONS, synthetic
 
-from dvr_jax.dataset import Label, Shard, find_shards, list_shards, read_shard, same_rows, write_shard
 from dvr_jax.dataset.columns import VIOLATION_BITS, round_violation
-from dvr_jax.dataset.labels import same_label
-from dvr_jax.dataset.shards import KEY
+from dvr_jax.dataset.labels import Label, same_label
+from dvr_jax.dataset.shards import KEY, Shard, find_shards, list_shards, read_shard, same_rows, write_shard
 from dvr_jax.errors import DvrError
 
 
@@ -86,7 +85,6 @@ def test_bytes_per_row(tmp_path: Path) -> None:
     """
     scenes, labels = synthetic(0, 100)
     info = write_shard(tmp_path / "a.parquet", scenes, labels, OPTIONS)
-    print(info.path.stat().st_size / len(labels))
     assert info.path.stat().st_size < 5 * len(labels)
 
 
@@ -109,7 +107,7 @@ import os, signal, sys
 from pathlib import Path
 sys.path.insert(0, {tests!r})
 from synthetic import OPTIONS, synthetic
-from dvr_jax.dataset import write_shard
+from dvr_jax.dataset.shards import write_shard
 def die(*_):
     os.kill(os.getpid(), signal.SIGKILL)
 os.{when} = die
@@ -122,7 +120,7 @@ def test_a_killed_writer_leaves_no_half_shard(when: str, tmp_path: Path) -> None
     path = tmp_path / "a.parquet"
     write_shard(path, *synthetic(0, 1, rows=5), OPTIONS)
     before = path.read_bytes()
-    program = WRITER.format(tests=str(Path(__file__).parent), path=str(path), when=when)
+    program = WRITER.format(tests=str(Path(__file__).parents[1] / "support"), path=str(path), when=when)
     environment = os.environ | {"PYTHONPATH": os.getcwd()}
     ended = subprocess.run([sys.executable, "-c", program], timeout=60, env=environment, check=False)
     assert ended.returncode == -signal.SIGKILL

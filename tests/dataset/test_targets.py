@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dvr_jax.dataset import targets
 from dvr_jax.dataset.known_prefixes import KnownPrefixes
 from dvr_jax.dataset.sequence_index import sequence_index_of
+from dvr_jax.dataset.targets import targets
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import enumerate_sequences
 from dvr_jax.scene.sampling import sample_scenes
@@ -54,7 +54,7 @@ REACHING = [s for length in (2, 3, 4) for s in enumerate_sequences(INDEX.groundi
 @settings(deadline=None, max_examples=30)
 @given(st.integers(0, 10**6), st.sampled_from([0.1, 0.7, 0.95, 1.0]))
 def test_what_is_known_of_a_prefix_follows_from_all_sequences_up_to_the_longest_solution(
-    seed: int, labelled: float
+    seed: int, labeled: float
 ) -> None:
     generator = np.random.default_rng(seed)
     actions = range(len(INDEX.grounding.actions))
@@ -66,13 +66,13 @@ def test_what_is_known_of_a_prefix_follows_from_all_sequences_up_to_the_longest_
     possible = [s for s in asked if not impossible.intersection(s)]
     left = [s for s in possible if not any(s[:length] in refuted for length in range(len(s)))]
     good = {s for s in left if len(s) >= 3 and generator.random() < 0.02}
-    bad = {s for s in left if s not in good and generator.random() < labelled}
+    bad = {s for s in left if s not in good and generator.random() < labeled}
     longest = max(map(len, good), default=0)
     verdicts = KnownPrefixes(INDEX, good, bad, refuted, impossible, duplicates)
 
     def is_bad(sequence: tuple[int, ...]) -> bool:
-        labelled = any(sequence[:length] in refuted | bad for length in range(1, len(sequence) + 1))
-        return labelled or bool(impossible.intersection(sequence))
+        labeled = any(sequence[:length] in refuted | bad for length in range(1, len(sequence) + 1))
+        return labeled or bool(impossible.intersection(sequence))
 
     for sequence in [*good, *bad, *(s for s in asked[::50] if is_bad(s))]:
         expected = []

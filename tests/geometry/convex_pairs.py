@@ -1,4 +1,4 @@
-"""Random pairs of convex bodies, and their distances by MuJoCo and by direct minimisation."""
+"""Random pairs of convex bodies, and their distances by MuJoCo and by direct minimization."""
 
 from dataclasses import dataclass, replace
 
@@ -35,13 +35,15 @@ class Bodies:
         return self.center - axis, self.center + axis
 
     def as_arguments(self) -> tuple[object, ...]:
-        """As `dvr_jax.geometry.distances` takes them."""
+        """Arguments for the distance functions of `dvr_jax.geometry`."""
         if self.kind == "capsule":
             start, end = self.ends
             return components(start), components(end), self.size[:, 0]
         zero = np.zeros(len(self.size))
-        half = (*self.size.T, zero) if self.kind == "box" else (zero, zero, self.size[:, 1], self.size[:, 0])
-        return columns(self.rotation), components(self.center), np.stack(half)
+        of_box = (*self.size.T, zero)
+        of_cylinder = (zero, zero, self.size[:, 1], self.size[:, 0])
+        prism = np.stack(of_box if self.kind == "box" else of_cylinder)
+        return columns(self.rotation), components(self.center), prism
 
     def moved(self, twist: Floats, amount: float) -> "Bodies":
         """All bodies after a motion by ``amount`` along a twist (angular velocity, velocity at the world's origin)."""
@@ -50,12 +52,12 @@ class Bodies:
 
 
 def components(v: Floats) -> Floats:
-    """(..., 3) to (3, ...)."""
+    """Move the component axis to the front: (..., 3) to (3, ...)."""
     return np.moveaxis(v, -1, 0)
 
 
 def columns(R: Floats) -> Floats:
-    """(..., 3, 3) to (3, 3, ...), columns first."""
+    """Move the matrix axes to the front, columns first: (..., 3, 3) to (3, 3, ...)."""
     return np.moveaxis(R, (-1, -2), (0, 1))
 
 
@@ -87,7 +89,8 @@ def mujoco_distances(first: Bodies, second: Bodies | None) -> tuple[Floats, Floa
     """
     spec = mujoco.MjSpec()
     # The defaults (1e-6 m, 35 iterations) are looser than what is tested here.
-    spec.option.ccd_tolerance, spec.option.ccd_iterations = 1e-12, 500
+    spec.option.ccd_tolerance = 1e-12
+    spec.option.ccd_iterations = 500
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 1])
     sides = [first] if second is None else [first, second]
     for bodies in sides:
@@ -120,11 +123,12 @@ def point_distance(x: Floats, kind: str, size: Floats) -> Floats:
 
 
 def deepest_of_axis(capsules: Bodies, prisms: Bodies, samples: int = 801) -> Floats:
-    """Least signed distance (n,) of each capsule's segment to its prism: sampled, then minimised between neighbours."""
+    """Least signed distance (n,) of each capsule's segment to its prism: sampled, then minimized between neighbors."""
     start, end = capsules.ends
     best = np.zeros(len(start))
     for i, (a, b, R, p, size) in enumerate(zip(start, end, prisms.rotation, prisms.center, prisms.size, strict=True)):
-        a, b = (a - p) @ R, (b - p) @ R
+        a = (a - p) @ R
+        b = (b - p) @ R
 
         def at(t: Floats | float, a: Floats = a, b: Floats = b, size: Floats = size) -> Floats:
             return point_distance(a + np.multiply.outer(np.atleast_1d(t), b - a), prisms.kind, size)

@@ -36,7 +36,8 @@ def mujoco_distance(first: Footprint, second: Footprint) -> float:
 @settings(max_examples=150, deadline=None)
 @given(rectangles | circles, rectangles | circles)
 def test_agrees_with_mujoco(first: Footprint, second: Footprint) -> None:
-    own, peer = signed_distance(first, second), mujoco_distance(first, second)
+    own = signed_distance(first, second)
+    peer = mujoco_distance(first, second)
     assert own == pytest.approx(signed_distance(second, first), abs=1e-12)
     # MuJoCo's distance of solids is iterative, and of deep overlaps an upper bound: magnitudes are compared apart.
     if own > 1e-4:
@@ -70,7 +71,8 @@ def test_known_distances() -> None:
 @given(st.tuples(*[st.floats(0.01, 0.3)] * 2), st.tuples(*[st.floats(0.01, 0.3)] * 2))
 def test_what_fits_fits_at_some_angle(half: tuple[float, float], sides: tuple[float, float]) -> None:
     angle = np.linspace(0, np.pi, 20_001)
-    c, s = np.abs(np.cos(angle)), np.abs(np.sin(angle))
+    c = np.abs(np.cos(angle))
+    s = np.abs(np.sin(angle))
     spare = np.minimum(sides[0] - 2 * (half[0] * c + half[1] * s), sides[1] - 2 * (half[0] * s + half[1] * c)).max()
     if abs(spare) > 1e-4:  # else the angles tried are too few
         assert fits(Rectangle((1.0, 2.0), half, 0.3), sides) == (spare > 0)

@@ -33,7 +33,8 @@ def matrices(R: vectors.Rotation) -> np.ndarray:
 
 def test_vector_algebra(arrows: tuple[np.ndarray, np.ndarray]) -> None:
     a, b = arrows
-    u, v = components(a), components(b)
+    u = components(a)
+    v = components(b)
     np.testing.assert_allclose(vectors.dot(u, v), np.einsum("ni,ni->n", a, b), **TIGHT)
     np.testing.assert_allclose(stacked(vectors.cross(u, v)), np.cross(a, b), **TIGHT)
     np.testing.assert_allclose(stacked(vectors.normalize(u)), a / np.linalg.norm(a, axis=1)[:, None], **TIGHT)
@@ -44,8 +45,11 @@ def test_normalize_keeps_zero() -> None:
 
 
 def test_rotations(turns: tuple[Rotation, Rotation], arrows: tuple[np.ndarray, np.ndarray]) -> None:
-    (first, second), (a, _) = turns, arrows
-    R, Q, v = columns(first.as_matrix()), columns(second.as_matrix()), components(a)
+    first, second = turns
+    a, _ = arrows
+    R = columns(first.as_matrix())
+    Q = columns(second.as_matrix())
+    v = components(a)
     np.testing.assert_allclose(stacked(vectors.rotate(R, v)), first.apply(a), **TIGHT)
     np.testing.assert_allclose(stacked(vectors.rotate_back(R, v)), first.inv().apply(a), **TIGHT)
     np.testing.assert_allclose(matrices(vectors.compose(R, Q)), (first * second).as_matrix(), **TIGHT)

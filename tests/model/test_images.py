@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dvr_jax.errors import DvrError
-from dvr_jax.logic import Action, ground_actions
+from dvr_jax.logic import Action
 from dvr_jax.model.encoding import MIRRORED, encode_actions
 from dvr_jax.model.images import (
     BRIGHTNESS,
@@ -20,6 +20,7 @@ from dvr_jax.model.images import (
     stack_images,
     view_channels,
 )
+from dvr_jax.operators import ground_scene
 from dvr_jax.scene.camera import render_depth
 from dvr_jax.scene.pinhole import SCENE_CAMERA
 from dvr_jax.scene.sampling import sample_scenes
@@ -31,7 +32,8 @@ Thing = TypeVar("Thing", SceneObject, Region)
 
 def test_layers_are_objects_goal_and_zeros() -> None:
     scene = next(sample_scenes(1, 3, 0))
-    images, seen = scene_images(scene, 48, 1), render_depth(scene, 48, 48)
+    images = scene_images(scene, 48, 1)
+    seen = render_depth(scene, 48, 48)
     assert images.height.dtype == np.float32 and images.masks.dtype == np.uint8
     assert images.masks.shape == (5, 48, 48)
     np.testing.assert_array_equal(images.masks[:3], WHOLE_PIXEL * seen.object_masks.astype(np.uint8))
@@ -77,7 +79,8 @@ def test_height_is_that_of_what_stands_on_the_table() -> None:
 def test_views_are_scenes_as_they_are_or_mirrored() -> None:
     scenes = [next(sample_scenes(1, number, 3)) for number in (1, 3)]
     stack = stack_images([scene_images(scene, 16, 2) for scene in scenes], 3)
-    owner, mirrored = np.array([1, 0, 1, 0]), np.array([[0, 0], [0, 1], [1, 0], [1, 1]], bool)
+    owner = np.array([1, 0, 1, 0])
+    mirrored = np.array([[0, 0], [0, 1], [1, 0], [1, 1]], bool)
     height, masks = view_channels(*(jnp.asarray(item) for item in (*stack, owner, mirrored)))
     assert height.dtype == masks.dtype == jnp.float32 and masks.shape == (4, 5, 16, 16)
     for view, (scene, (in_x, in_y)) in enumerate(zip(owner, mirrored, strict=True)):
@@ -105,13 +108,15 @@ def test_a_mirrored_scene_has_mirrored_images_and_symbols(in_x: bool, in_y: bool
 
     for scene in sample_scenes(10, 2, 5):
         moved = make_scene(map(move, scene.objects), replace(scene.goal, region=move(scene.goal.region)))
-        here, there = scene_images(scene, 64, 1), scene_images(moved, 64, 1)
+        here = scene_images(scene, 64, 1)
+        there = scene_images(moved, 64, 1)
         place = np.s_[..., :: -1 if in_y else 1, :: -1 if in_x else 1]
         # Rays graze edges: single ones differ.
         assert (here.masks[place] != there.masks).mean() < 1e-3
         assert (np.abs(here.height[place] - there.height) > 0.05).mean() < 5e-3
-        grounding = ground_actions([item.name for item in scene.objects], scene.goal.object)
-        codes, others = encode_actions(grounding, scene.objects), encode_actions(grounding, moved.objects)
+        grounding = ground_scene(scene)
+        codes = encode_actions(grounding, scene.objects)
+        others = encode_actions(grounding, moved.objects)
         for index, action in enumerate(grounding.actions):
             arguments = tuple(words.get(word, word) for word in action.arguments)
             mirrored = grounding.index(Action(action.operator, arguments))

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from flax import linen as nn
-from numpy.typing import NDArray
+from jaxtyping import Float
 from scipy.signal import correlate2d
 
 from dvr_jax.errors import DvrError
@@ -19,16 +19,19 @@ from dvr_jax.model.network_config import NetworkConfig
 SMALL = NetworkConfig(image_size=16, channels=(2, 3, 4), dense=7, hidden=11)
 
 
-def random_weights(config: NetworkConfig, seed: int = 0) -> NetworkParameters:
+def random_parameters(config: NetworkConfig, seed: int = 0) -> NetworkParameters:
     """With biases that are not zero."""
     parameters = initial_parameters(config, seed)
     generator = np.random.default_rng(seed)
     return jax.tree.map(lambda leaf: leaf + generator.normal(0, 0.1, leaf.shape).astype("float32"), parameters)
 
 
-def convolve(image: NDArray[Any], layer: Any, stride: int) -> NDArray[Any]:
+def convolve(
+    image: Float[np.ndarray, "height width channels"], layer: Any, stride: int
+) -> Float[np.ndarray, "height width outputs"]:
     """Relu of a 5x5 layer on an image (H, W, C), padded as much as its stride needs."""
-    kernel, bias = np.asarray(layer["kernel"], float), np.asarray(layer["bias"], float)
+    kernel = np.asarray(layer["kernel"], float)
+    bias = np.asarray(layer["bias"], float)
     planes = []
     for out in range(kernel.shape[-1]):
         # With an even size and stride 2 one row less is padded before than behind.
@@ -41,10 +44,10 @@ def convolve(image: NDArray[Any], layer: Any, stride: int) -> NDArray[Any]:
 
 @pytest.mark.parametrize("pooling", [True, False])
 def test_image_encoder_is_three_correlations_and_a_dense_layer(pooling: bool) -> None:
-    parameters = random_weights(replace(SMALL, pooling=pooling))
-    image: NDArray[Any] = np.random.default_rng(0).normal(size=(16, 16, 3)).astype(np.float32)
+    parameters = random_parameters(replace(SMALL, pooling=pooling))
+    image: np.ndarray = np.random.default_rng(0).normal(size=(16, 16, 3)).astype(np.float32)
     network, variables = parameters.network()
-    code = network.apply(variables, image[None], method=Network.encode_images)
+    code = network.apply(variables, jnp.asarray(image[None]), method=Network.encode_images)
     for i, stride in enumerate((1, 2, 2)):
         image = convolve(image, parameters.tree[f"convolutions_{i}"], stride)
     dense = parameters.tree["image_dense"]
@@ -56,16 +59,20 @@ def test_image_encoder_is_three_correlations_and_a_dense_layer(pooling: bool) ->
 
 @pytest.mark.parametrize("pooling", [True, False])
 def test_fast_encoder_is_the_network_on_whole_images_in_values_and_gradients(pooling: bool) -> None:
-    size, number = 24, 8
+    size = 24
+    number = 8
     config = replace(SMALL, image_size=size, pooling=pooling)
-    parameters = random_weights(config)
+    parameters = random_parameters(config)
     generator = np.random.default_rng(0)
     height = generator.uniform(-1, 1, (5, size, size)).astype(np.float32)
     masks = generator.integers(0, 256, (5, 4, size, size)).astype(np.uint8)
     masks[:, -1] = 0
-    scene, mirrored = np.array([4, 1, 1, 0]), np.array([[0, 0], [1, 1], [0, 1], [1, 0]], bool)
-    view, pairs = generator.integers(0, 4, number), generator.integers(0, 4, (number, 2))
-    view[-1], pairs[-1] = view[0], (1, 3)
+    scene = np.array([4, 1, 1, 0])
+    mirrored = np.array([[0, 0], [1, 1], [0, 1], [1, 0]], bool)
+    view = generator.integers(0, 4, number)
+    pairs = generator.integers(0, 4, (number, 2))
+    view[-1] = view[0]
+    pairs[-1] = (1, 3)
     target = generator.normal(size=(number, config.dense)).astype(np.float32)
 
     def fast(parameters: ParameterTree) -> tuple[jax.Array, jax.Array]:
@@ -80,7 +87,7 @@ def test_fast_encoder_is_the_network_on_whole_images_in_values_and_gradients(poo
         image[:] = channels[:: -1 if in_y else 1, :: -1 if in_x else 1]
 
     def plain(parameters: ParameterTree) -> tuple[jax.Array, jax.Array]:
-        codes: Any = Network(config).apply({"params": parameters}, images, method=Network.encode_images)
+        codes: Any = Network(config).apply({"params": parameters}, jnp.asarray(images), method=Network.encode_images)
         return jnp.vdot(codes, target) / number, codes
 
     (_, mine), my_gradient = jax.jit(jax.value_and_grad(fast, has_aux=True))(parameters.tree)
@@ -91,8 +98,8 @@ def test_fast_encoder_is_the_network_on_whole_images_in_values_and_gradients(poo
     assert float(jnp.abs(my_gradient["convolutions_0"]["kernel"]).min()) > 0
 
 
-def test_step_is_a_gru_and_a_linear_layer() -> None:
-    parameters = random_weights(SMALL)
+def test_advance_is_a_gru_and_a_linear_layer() -> None:
+    parameters = random_parameters(SMALL)
     hidden, symbol, image, goal = (
         jax.random.normal(jax.random.key(i), (5, n), "float32") for i, n in enumerate((11, 7, 7, 7))
     )
@@ -118,13 +125,14 @@ def test_step_is_a_gru_and_a_linear_layer() -> None:
 
 @pytest.mark.parametrize("goal", [True, False])
 def test_sequence_agrees_with_single_steps(goal: bool) -> None:
-    parameters = random_weights(NetworkConfig(image_size=16, goal=goal))
+    parameters = random_parameters(NetworkConfig(image_size=16, goal=goal))
     normals = jax.random.normal(jax.random.key(3), (2, 6, 2), "float32")
     symbols = encode_symbols(parameters, jnp.arange(12).reshape(2, 6), normals)
     images = jax.random.normal(jax.random.key(1), (2, 6, 100), "float32")
     aim = jax.random.normal(jax.random.key(2), (2, 100), "float32") if goal else None
     logits = jax.jit(run_sequence)(parameters, symbols, images, aim)
-    hidden, one_step = jnp.zeros((2, 300), "float32"), jax.jit(advance)
+    hidden = jnp.zeros((2, 300), "float32")
+    one_step = jax.jit(advance)
     for k in range(6):
         logit, hidden = one_step(parameters, hidden, symbols[:, k], images[:, k], aim)
         np.testing.assert_allclose(logits[:, k], logit, atol=1e-5)

@@ -21,9 +21,10 @@ from PIL import Image
 
 import dvr_jax
 from dvr_jax.cli import train as command
-from dvr_jax.dataset import Examples, write_shard
+from dvr_jax.dataset.examples import Examples
+from dvr_jax.dataset.shards import write_shard
 from dvr_jax.errors import DvrError, run_command
-from dvr_jax.logic import Action, ground_actions
+from dvr_jax.logic import Action
 from dvr_jax.model.batches import assemble_batch
 from dvr_jax.model.export import load_parameters
 from dvr_jax.model.history import History, read_history
@@ -34,6 +35,7 @@ from dvr_jax.model.training import evaluate_batch, train_step, weighted_loss
 from dvr_jax.model.training_data import prepare_training_data
 from dvr_jax.model.training_options import TrainOptions
 from dvr_jax.model.training_run import train
+from dvr_jax.operators import ground_scene
 from dvr_jax.planning.feasibility import feasibility
 from dvr_jax.scene.sampling import scene_of_seed
 from dvr_jax.scene.types import Scene
@@ -61,12 +63,13 @@ def quiet(line: str) -> None:
 
 
 def test_loss_is_the_weighted_mean_over_steps_that_count() -> None:
-    logits, target = np.array([[2.0, -1.0, 5.0]]), np.array([[1.0, 0.0, 0.0]])
-    mask = np.array([[1.0, 1.0, 0.0]])
-    loss, total = weighted_loss(jnp.asarray(logits), target, mask, jnp.asarray(3.0))
+    logits = jnp.asarray([[2.0, -1.0, 5.0]])
+    target = np.array([[1.0, 0.0, 0.0]])
+    weight = np.array([[1.0, 1.0, 0.0]])
+    loss, total = weighted_loss(logits, target, weight, jnp.asarray(3.0))
     by_hand = (3 * -np.log(1 / (1 + np.exp(-2))) - np.log(1 - 1 / (1 + np.exp(1)))) / 4
     assert float(loss) == pytest.approx(by_hand) and float(total) == 4
-    behind, _ = weighted_loss(jnp.asarray([[2.0, -1.0, -50.0]]), target, mask, jnp.asarray(3.0))
+    behind, _ = weighted_loss(jnp.asarray([[2.0, -1.0, -50.0]]), target, weight, jnp.asarray(3.0))
     assert float(behind) == float(loss)
 
 
@@ -84,11 +87,12 @@ def test_learns_which_arm_is_on_the_objects_side(tmp_path: Path) -> None:
     assert np.mean((np.asarray(logits) > 0)[counts] == (batch.target > 0.5)[counts]) > 0.95
 
     # What the searches load says the same of a scene that was trained on, and files are there to look at.
-    predictor, scene = Predictor.load(tmp_path / "network.npz"), EXAMPLES.scenes[EXAMPLES.scene[data.sampler.sequences[0]]]
-    code = predictor.encode_scene(scene)
-    probabilities, _ = predictor.predict(code, code.initial_hidden(24), range(24))
+    predictor = Predictor.load(tmp_path / "network.npz")
+    scene = EXAMPLES.scenes[EXAMPLES.scene[data.sampler.sequences[0]]]
+    encoding = predictor.encode_scene(scene)
+    probabilities, _ = predictor.predict(encoding, encoding.initial_hidden(24), range(24))
     wanted = "left" if scene.objects[scene.goal_index].position[0] < 0 else "right"
-    for action, probability in zip(code.grounding.actions, probabilities, strict=True):
+    for action, probability in zip(encoding.grounding.actions, probabilities, strict=True):
         if action.operator == "grasp" and action.arguments[2] == scene.goal.object:
             assert (probability > 0.5) == (action.arguments[0] == wanted)
     records = read_history(tmp_path / "history.jsonl")
@@ -103,20 +107,22 @@ def test_greedy_sequences_that_no_label_knows_are_judged_once(tmp_path: Path) ->
     """And those that labels know are not asked about."""
     asked: list[tuple[Scene, tuple[Action, ...]]] = []
 
-    def judge(tasks: Sequence[tuple[Scene, tuple[Action, ...]]]) -> list[bool]:
+    def oracle(tasks: Sequence[tuple[Scene, tuple[Action, ...]]]) -> list[bool]:
         asked.extend(tasks)
         return [actions[0].arguments[0] == "left" for _, actions in tasks]
 
     options = replace(OPTIONS, out=tmp_path, validation_scenes=8, held_out=0.6)
     parameters = initial_parameters(SMALL, 0)
-    by_labels, judged = (prepare_training_data(options, EXAMPLES, None, quiet, how).validation for how in (None, judge))
+    by_labels = prepare_training_data(options, EXAMPLES, None, quiet).validation
+    judged = prepare_training_data(options, EXAMPLES, None, quiet, oracle).validation
     assert by_labels is not None and judged is not None
-    share, figure = by_labels.measure(parameters)["top1"], judged.measure(parameters)["top1"]
+    share = by_labels.measure(parameters)["top1"]
+    figure = judged.measure(parameters)["top1"]
     number = len(judged.solutions)
     assert number >= 4 and len(asked) == round(number * (1 - share)) > 0
     assert figure == pytest.approx(share + sum(actions[0].arguments[0] == "left" for _, actions in asked) / number)
     for scene, actions in asked:
-        ground_actions([item.name for item in scene.objects], scene.goal.object).check_sequence(actions)
+        ground_scene(scene).check_sequence(actions)
     assert judged.measure(parameters)["top1"] == figure and len(asked) == round(number * (1 - share))
 
 
@@ -187,7 +193,8 @@ def test_a_step_is_adams(tmp_path: Path) -> None:
     options = replace(OPTIONS, out=tmp_path, steps=1, log_every=1, checkpoint_every=1, held_out=0.0)
     data = prepare_training_data(options, EXAMPLES, None, quiet)
     assert data.validation is None
-    before, after = initial_parameters(SMALL, 0), train(options, data, SMALL, quiet)
+    before = initial_parameters(SMALL, 0)
+    after = train(options, data, SMALL, quiet)
     moved = jax.tree.map(lambda new, old: np.abs(np.asarray(new - old)), after.tree, before.tree)
     # Adam's first step is the learning rate in the direction of the gradient's sign, whatever its size.
     adam = optax.adam(options.learning_rate)
@@ -221,7 +228,7 @@ def test_command_trains_a_classifier_on_separate_held_out_scenes(
 
     labels = write_shard(tmp_path / "labels.parquet", {0: EXAMPLES.scenes[0]}, [], {"seed": 0})
     monkeypatch.setattr("dvr_jax.dataset.examples.load_examples", reader)
-    monkeypatch.setattr("dvr_jax.dataset.examples.find_shards", lambda paths: [labels])
+    monkeypatch.setattr("dvr_jax.dataset.shards.find_shards", lambda paths: [labels])
     arguments = "--data a --validation b --kind classifier --image-size 8 --batch 8 --least-feasible 2"
     arguments += " --steps 4 --log-every 2 --checkpoint-every 4"
     monkeypatch.setattr(sys, "argv", ["train", *arguments.split(), "--out", str(tmp_path)])

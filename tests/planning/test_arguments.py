@@ -9,11 +9,11 @@ import pytest
 
 import dvr_jax as dvr
 from dvr_jax.errors import DvrError, OptionError
-from dvr_jax.scene.types import Goal, Region, Scene, SceneObject
+from dvr_jax.scene.types import OnRegion, Region, Scene, SceneObject
 
 SCENE = Scene(
     (SceneObject("a", "box", (0.05, 0.15, 0.1), (-0.2, 0.1), 0.3),),
-    Goal("a", Region((-0.1, -0.2), 0.2, (0.22, 0.22))),
+    OnRegion("a", Region((-0.1, -0.2), 0.2, (0.22, 0.22))),
 )
 ACTIONS = ["grasp(left, +x, a)", "place(left, a, goal)"]
 

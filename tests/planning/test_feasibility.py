@@ -7,17 +7,18 @@ import pytest
 from dvr_jax.checker.replay import check_motion
 from dvr_jax.dataset.labelling import LabelOptions
 from dvr_jax.errors import DvrError
-from dvr_jax.logic import ARMS, Action, LogicError, enumerate_sequences, ground_actions
+from dvr_jax.logic import Action, LogicError, enumerate_sequences
+from dvr_jax.operators import ground_scene
 from dvr_jax.planning.feasibility import feasibility
 from dvr_jax.planning.label_workers import label_scenes
-from dvr_jax.scene.types import Goal, Region, Scene, SceneObject
+from dvr_jax.scene.types import OnRegion, Region, Scene, SceneObject
 
 BOX = SceneObject("a", "box", (0.05, 0.15, 0.1), (-0.2, 0.1), 0.3)
-SCENE = Scene((BOX,), Goal("a", Region((-0.1, -0.2), 0.2, (0.22, 0.22))))
+SCENE = Scene((BOX,), OnRegion("a", Region((-0.1, -0.2), 0.2, (0.22, 0.22))))
 
 
 def test_verdicts_are_those_of_a_sweep() -> None:
-    grounding = ground_actions(["a"], "a")
+    grounding = ground_scene(SCENE)
     sequences = [[grounding.actions[i] for i in sequence] for sequence in enumerate_sequences(grounding, 2)]
     verdicts = {verdict.actions: verdict for verdict in feasibility(SCENE, sequences)}
     assert len(verdicts) == len(sequences)
@@ -40,7 +41,8 @@ def test_verdicts_are_those_of_a_sweep() -> None:
 
 
 def test_a_verdict_does_not_depend_on_what_else_is_asked() -> None:
-    names = [[f"grasp({arm}, {face}, a)", f"place({arm}, a, goal)"] for arm in ARMS for face in ("+x", "-x")]
+    arms = SCENE.workcell.arm_names
+    names = [[f"grasp({arm}, {face}, a)", f"place({arm}, a, goal)"] for arm in arms for face in ("+x", "-x")]
     together = feasibility(SCENE, [*names, names[0]])
     assert together[0] == together[-1]
     for sequence, verdict in zip(names, together, strict=False):

@@ -16,10 +16,10 @@ from dvr_jax.checker import CheckReport
 from dvr_jax.errors import DataError, DvrError, MotionError
 from dvr_jax.geometry.footprint import signed_distance
 from dvr_jax.logic import Action
-from dvr_jax.motion.motion import load_motion, make_motion, save_motion
+from dvr_jax.motion import load_motion, make_motion, save_motion
 from dvr_jax.planning.result import Plan
 from dvr_jax.scene.mjcf import home_qpos, qpos_layout
-from dvr_jax.scene.types import Goal, Region, Scene, SceneObject
+from dvr_jax.scene.types import OnRegion, Region, Scene, SceneObject
 from dvr_jax.scene.validation import validate_scene
 from dvr_jax.search.status import PlanStatus
 
@@ -29,7 +29,7 @@ SCENE = Scene(
         SceneObject("b", "cylinder", (0.03, 0.08), (0.3, 0.3), 0.5),
         SceneObject("c", "box", (0.1, 0.1, 0.05), (0.0, -0.5), 0.0),
     ),
-    Goal("a", Region((0.0, 0.0), 0.2, (0.2, 0.2))),
+    OnRegion("a", Region((0.0, 0.0), 0.2, (0.2, 0.2))),
 )
 ACTIONS = tuple(
     map(
@@ -48,7 +48,7 @@ def make_plan(
     """A solved plan at whose end objects have these positions [m] and yaws [rad]."""
     samples = 10 * len(actions) + 1
     qpos = np.tile(home_qpos(scene), (samples, 1))
-    for item, columns in zip(scene.objects, qpos_layout(len(scene.objects)).objects, strict=True):
+    for item, columns in zip(scene.objects, qpos_layout(scene).objects, strict=True):
         if item.name in poses:
             x, y, yaw = poses[item.name]
             # A pose that is off the support by a little and tilted by a little, as a solver leaves it.
@@ -191,7 +191,7 @@ def test_the_scene_after_a_plan_has_its_objects_where_the_motion_ends() -> None:
     assert b.position == pytest.approx((0.2, 0.4), abs=1e-12) and b.yaw == pytest.approx(-1.0, abs=1e-6)
     # What the plan does not touch stays to the last bit.
     assert c == SCENE.objects[2]
-    assert (after.goal, after.home) == (SCENE.goal, SCENE.home)
+    assert (after.goal, after.workcell, after.fixed) == (SCENE.goal, SCENE.workcell, SCENE.fixed)
 
 
 @pytest.mark.parametrize(

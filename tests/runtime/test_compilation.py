@@ -33,8 +33,8 @@ def factor(A):
 
 factor.__module__ = "{module}"
 program = Program(factor)
-{between}
 A = np.arange(9, dtype=np.float32).reshape(3, 3)
+{between}
 np.save(sys.argv[1], np.asarray(program(A)))
 np.asarray(program(A))
 print(len(traced))
@@ -120,6 +120,43 @@ def test_functions_of_other_programs_are_not_kept(tmp_path: Path) -> None:
     folder = tmp_path / "cache"
     assert [run(folder, tmp_path / "out.npy", module="__main__") for _ in range(2)] == [1, 1]
     assert not folder.exists()
+
+
+HOLDER = """
+from dataclasses import dataclass, field
+from dvr_jax.workcell.panda import PANDA
+from dvr_jax.workcell.robot import InverseKinematics
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Holder:
+    array: object
+    kinematics: InverseKinematics = field(metadata={"static": True})
+
+jax.tree_util.Holder = Holder
+Holder.__module__ = "jax.tree_util"
+
+def factor_inside(holder):
+    return factor(holder.array)
+
+factor_inside.__module__ = "dvr_jax.any"
+program = Program(factor_inside)
+A = Holder(A, KINEMATICS)
+"""
+
+
+@pytest.mark.parametrize(
+    ("kinematics", "traces"),
+    [("PANDA.inverse_kinematics", [1, 0]), ("InverseKinematics(lambda *pose: pose, 1)", [1, 1])],
+    ids=["the package's", "a user's"],
+)
+def test_programs_whose_static_data_holds_a_function_of_another_program_are_not_kept(
+    kinematics: str, traces: list[int], tmp_path: Path
+) -> None:
+    """As the inverse kinematics of a robot that a user defines: its edited source would not be noticed."""
+    between = HOLDER.replace("KINEMATICS", kinematics)
+    assert [run(tmp_path / "cache", tmp_path / "out.npy", between=between) for _ in range(2)] == traces
+    assert (tmp_path / "cache").exists() == (traces[1] == 0)
 
 
 def test_the_oldest_programs_go(kept: Path, tmp_path: Path) -> None:

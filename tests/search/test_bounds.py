@@ -5,22 +5,23 @@ from dataclasses import replace
 import jax
 import numpy as np
 import pytest
+from search_cases import judge_prefixes
 
-from dvr_jax.bench.recall import judge_prefix
 from dvr_jax.geometry.footprint import Rectangle, inside
-from dvr_jax.logic import Action, object_of
+from dvr_jax.logic import Action
 from dvr_jax.nlp.problem import Variables
 from dvr_jax.nlp.transcription import transcribe_switch
+from dvr_jax.operators import OPERATORS, object_of
 from dvr_jax.planning.feasibility import passes_check
 from dvr_jax.scene.sampling import SceneDistribution, scene_of_seed
-from dvr_jax.scene.types import Goal, Region, Scene, SceneObject
+from dvr_jax.scene.types import OnRegion, Region, Scene, SceneObject
 from dvr_jax.search.node import Node
-from dvr_jax.search.node_solver import CERTIFIED_PENETRATION, PATH_STARTS
-from dvr_jax.search.session import Run
+from dvr_jax.search.node_solver import PATH_STARTS
+from dvr_jax.search.session import SearchSession
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import run_alone
 from dvr_jax.seeds.initial_paths import keyframe_start
-from dvr_jax.seeds.keyframe_beam import BEAM_WIDTH
+from dvr_jax.seeds.keyframe_beam import BEAM_WIDTH, CERTIFIED_PENETRATION
 from dvr_jax.solver.augmented_lagrangian import Settings
 from dvr_jax.solver.lane_pool import solve
 
@@ -31,7 +32,7 @@ def goal_sequences(region: Region, constants: bool = True) -> list[Node]:
     """All grasps and places of one 5 x 15 cm box onto a region, with their sequence bounds; without `constants`, what
     refutes an action whatever the motion is left to the bounds."""
     with jax.enable_x64(True):
-        tree = SequenceTree(Scene((BOX,), Goal("a", region)), k_max=2)
+        tree = SequenceTree(Scene((BOX,), OnRegion("a", region)), k_max=2)
         grasps = tree.expand(tree.root)
         if not constants:
             tree._refuted = dict.fromkeys(tree._refuted)
@@ -44,7 +45,7 @@ def goal_sequences(region: Region, constants: bool = True) -> list[Node]:
 def test_a_cylinder_is_grasped_at_one_face_for_all() -> None:
     box = SceneObject("a", "box", (0.05, 0.05, 0.1), (-0.3, 0.3), 0.3)
     can = SceneObject("b", "cylinder", (0.03, 0.1), (-0.3, -0.3), 0.0)
-    tree = SequenceTree(Scene((box, can), Goal("a", Region((-0.1, -0.2), 0.2, (0.1, 0.1)))), k_max=3)
+    tree = SequenceTree(Scene((box, can), OnRegion("a", Region((-0.1, -0.2), 0.2, (0.1, 0.1)))), k_max=3)
     grasped = [child.actions[0].arguments[1:] for child in tree.expand(tree.root)]
     assert grasped.count(("+x", "b")) == 2 and len([name for _, name in grasped if name == "b"]) == 2
     assert len([name for _, name in grasped if name == "a"]) == 8
@@ -62,7 +63,7 @@ def test_an_object_that_fits_its_region_is_not() -> None:
 
 
 @pytest.mark.parametrize("region", [Region((0.3, -0.45), 0.0, (1.06, 0.4)), Region((-0.3, 0.3), 0.6, (1.1, 0.5))])
-def test_what_a_particle_proves_lies_on_a_region_as_large_as_a_table(region: Region) -> None:
+def test_what_a_candidate_proves_lies_on_a_region_as_large_as_a_table(region: Region) -> None:
     proved = 0
     for place in goal_sequences(region):
         assert place.beam is not None
@@ -84,14 +85,14 @@ def sampled(index: int) -> Scene:
 def judged(scene: Scene, *actions: str) -> tuple[SequenceTree, Node]:
     """A tree and the node of a sequence, with the sequence bounds of its prefixes."""
     tree = SequenceTree(scene, k_max=len(actions))
-    return tree, run_alone(judge_prefix(tree, [Action.parse(action) for action in actions]))
+    return tree, run_alone(judge_prefixes(tree, [Action.parse(action) for action in actions]))
 
 
 def leaf_of(tree: SequenceTree, *actions: str) -> Node:
     """The node of a sequence, nothing of it judged."""
     node = tree.root
-    for words in actions:
-        (node,) = [child for child in tree.expand(node) if child.actions[-1] == Action.parse(words)]
+    for text in actions:
+        (node,) = [child for child in tree.expand(node) if child.actions[-1] == Action.parse(text)]
     return node
 
 
@@ -102,10 +103,10 @@ def test_a_second_look_finds_what_the_sequence_bound_missed() -> None:
         _, refuted = judged(scene, *actions)
         assert refuted.feasible is False and refuted.refuted_by == "sequence" and refuted.violation > 1
         tree = SequenceTree(scene, k_max=len(actions))
-        run = Run(tree, lambda leaf, path: passes_check(scene, leaf, path), lambda line: None)
+        session = SearchSession(tree, lambda leaf, path: passes_check(scene, leaf, path), lambda line: None)
         leaf = leaf_of(tree, *actions)
-        assert run_alone(run.judge_prefix_chains([leaf])) == [leaf] and not leaf.refuted_by
-        assert run_alone(run.try_path(leaf)) is not None
+        assert run_alone(session.judge_prefix_chains([leaf])) == [leaf] and not leaf.refuted_by
+        assert run_alone(session.try_path(leaf)) is not None
 
 
 def test_with_nothing_left_out_the_pose_bound_is_the_sequence_bound() -> None:
@@ -123,7 +124,8 @@ def test_with_nothing_left_out_the_pose_bound_is_the_sequence_bound() -> None:
 
 
 CUBE = Scene(
-    (SceneObject("a", "box", (0.028, 0.026, 0.03), (-0.3, 0.1), 0.3),), Goal("a", Region((0.45, 0.1), 0.0, (0.1, 0.1)))
+    (SceneObject("a", "box", (0.028, 0.026, 0.03), (-0.3, 0.1), 0.3),),
+    OnRegion("a", Region((0.45, 0.1), 0.0, (0.1, 0.1))),
 )
 """A cube that two grippers cannot hold at once, and that the right arm alone can put on its region."""
 
@@ -143,17 +145,17 @@ def test_what_a_sequence_does_its_last_switch_can_do_alone(scene: Scene, least: 
             level = [node for node in level if node.feasible]
         for node in level:
             assert node.problem is not None and node.beam is not None
-            name = object_of(node.actions[-1])
-            earlier = [action for action in node.actions[:-1] if object_of(action) == name]
+            name = object_of(node.actions[-1], OPERATORS)
+            earlier = [action for action in node.actions[:-1] if object_of(action, OPERATORS) == name]
             if not earlier or earlier[-1].operator == "place":
                 continue
             before = earlier[-1]
-            others = {object_of(action) for action in node.actions} - {name}
+            others = {object_of(action, OPERATORS) for action in node.actions} - {name}
             problem = transcribe_switch(scene, before, node.actions[-1], sorted(others))
             whole = keyframe_start(node.beam, 0, node.depth)
-            held_by = node.problem.attached_by[node.depth - 1, node.problem.switched_object[-1]]
+            held_by = node.problem.mode_action[node.depth - 1, node.problem.switched_object[-1]]
             alone = Variables(np.stack([problem.home, whole.q[-1]]), whole.m[[held_by, -1]])
-            assert solve([problem], [alone], Settings())[0].feasible
+            assert solve(tree.solver.model, [problem], [alone], Settings())[0].feasible
             found += 1
     assert found >= least, found
 
@@ -177,7 +179,7 @@ def test_a_switch_that_fails_alone_refutes_all_that_end_with_it() -> None:
     assert (tree.counts.nlps["pose"], tree.counts.verdicts["pose"]) == before
 
 
-def judge_prefixes(tree: SequenceTree, node: Node) -> None:
+def judge_poses_before(tree: SequenceTree, node: Node) -> None:
     """Pose bounds on the way to a node, without its own."""
     for depth in range(1, node.depth):
         assert run_alone(tree.judge_poses([node.ancestor(depth)])) == [True]
@@ -196,9 +198,9 @@ def test_proof_outweighs_a_switch_that_samples_missed() -> None:
         tree = SequenceTree(scene, k_max=4)
         first, second = (put_down_and_to_the_goal(tree, face) for face in ("+x", "+y"))
         pair = first.actions[-2:]
-        tree._switches[pair] = {frozenset(): Node(pair, 0, tree.root, False, feasible=False, violation=2.0)}
+        tree._pose_bound._switches[pair] = {frozenset(): Node(pair, 0, tree.root, False, feasible=False, violation=2.0)}
         for leaf in (first, second):
-            judge_prefixes(tree, leaf)
+            judge_poses_before(tree, leaf)
         assert not tree.check_cached_pose_bound(first) and first.refuted_by == "pose"
         assert run_alone(tree.judge_poses([leaf_of(tree, *map(str, pair))])) == [True]
         assert tree.check_cached_pose_bound(second) and second.feasible is not False
@@ -209,12 +211,12 @@ def test_a_switch_alone_is_sampled_twice(monkeypatch: pytest.MonkeyPatch) -> Non
     with jax.enable_x64(True):
         tree = SequenceTree(CUBE, k_max=4)
         leaf = put_down_and_to_the_goal(tree, "+x")
-        judge_prefixes(tree, leaf)
-        free_grasp = tree.solver.free_grasp
+        judge_poses_before(tree, leaf)
+        isolate_switch = tree.solver.isolate_switch
         seeds: list[int] = []
 
         def miss_first(node: Node, root: Node, ignored: tuple[str, ...], seed: int) -> None:
-            free_grasp(node, root, ignored, seed)
+            isolate_switch(node, root, ignored, seed)
             seeds.append(seed)
             if len(seeds) == 1:
                 # Held 10 m beside the gripper: no arm reaches as far.
@@ -222,10 +224,10 @@ def test_a_switch_alone_is_sampled_twice(monkeypatch: pytest.MonkeyPatch) -> Non
                 held = node.parent.beam
                 node.parent.beam = held._replace(parameters=held.parameters + 10, m=held.m + 10)
 
-        monkeypatch.setattr(tree.solver, "free_grasp", miss_first)
+        monkeypatch.setattr(tree.solver, "isolate_switch", miss_first)
         before = tree.counts.nlps["pose"]
         assert run_alone(tree.judge_poses([leaf])) == [True] and leaf.feasible
-    assert tree._switches[leaf.actions[-2:]][frozenset()].feasible
+    assert tree._pose_bound._switches[leaf.actions[-2:]][frozenset()].feasible
     assert seeds == [0, 1] and tree.counts.nlps["pose"] > before
 
 
@@ -239,9 +241,9 @@ def test_a_switch_alone_leaves_out_what_has_moved_and_nothing_else() -> None:
             tree, "grasp(right, +x, b)", "place(right, b, table)", *(str(action) for action in stands.actions)
         )
         for leaf, feasible in ((stands, False), (moved, True)):
-            judge_prefixes(tree, leaf)
+            judge_poses_before(tree, leaf)
             assert run_alone(tree.judge_poses([leaf])) == [feasible]
-    verdicts = {left_out: node.feasible for left_out, node in tree._switches[stands.actions[-2:]].items()}
+    verdicts = {left_out: node.feasible for left_out, node in tree._pose_bound._switches[stands.actions[-2:]].items()}
     assert verdicts == {frozenset(): False, frozenset("b"): True}
 
 
@@ -259,14 +261,14 @@ def test_switches_alone_refute_nothing_that_the_sequence_bound_finds() -> None:
             found = [{node.actions for node in level if node.feasible} for level in levels]
             assert found[0] == found[1]
             levels = tuple([node for node in level if node.feasible][:: 4 if depth > 1 else 1] for level in levels)  # type: ignore[assignment]
-    verdicts = [node.feasible for known in with_switches._switches.values() for node in known.values()]
+    verdicts = [node.feasible for known in with_switches._pose_bound._switches.values() for node in known.values()]
     assert verdicts.count(False) > 5 and verdicts.count(True) > 5
 
 
 def test_a_second_look_leaves_what_is_infeasible_refuted() -> None:
     # In reach, but the other box stands where it should be put.
     there = SceneObject("b", "box", (0.1, 0.1, 0.1), (-0.2, -0.25), 0.0)
-    scene = Scene((BOX, there), Goal("a", Region((-0.2, -0.25), 0.0, (0.17, 0.17))))
+    scene = Scene((BOX, there), OnRegion("a", Region((-0.2, -0.25), 0.0, (0.17, 0.17))))
     with jax.enable_x64(True):
         tree, node = judged(scene, "grasp(left, +y, a)", "place(left, a, goal)")
         assert node.parent is not None and node.parent.feasible and node.refuted_by == "sequence"
@@ -283,8 +285,8 @@ def test_a_path_is_tried_from_further_keyframes_too() -> None:
         good = tree.solver.path_keyframes(node)
         assert len(good) < PATH_STARTS
         assert not any(run_alone(tree.solver.solve_path(node, keyframes)).feasible for keyframes in good)
-        run = Run(tree, lambda leaf, path: passes_check(scene, leaf, path), lambda line: None)
+        session = SearchSession(tree, lambda leaf, path: passes_check(scene, leaf, path), lambda line: None)
         tree.counts.nlps.clear()
-        outcome = run_alone(run.try_path(node))
+        outcome = run_alone(session.try_path(node))
     assert outcome is not None and node.solved and not node.refuted_by
     assert len(good) < tree.counts.nlps["path"] <= PATH_STARTS and tree.counts.nlps["sequence"] > 0

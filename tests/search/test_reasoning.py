@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from dvr_jax.logic import Action, Grounding, enumerate_sequences
-from dvr_jax.scene.types import Goal, Region, Scene, SceneObject
+from dvr_jax.scene.types import OnRegion, Region, Scene, SceneObject
 from dvr_jax.search.node import Node
 from dvr_jax.search.reasoning import DISCOUNT, GROWTH, LARGEST_BATCH, THRESHOLD
-from dvr_jax.search.session import Outcome, Run
 from dvr_jax.search.searches import steps_of
+from dvr_jax.search.session import Outcome, SearchSession
 from dvr_jax.search.status import PlanStatus
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import Steps, run_alone
@@ -26,7 +26,7 @@ SCENE = Scene(
         SceneObject("a", "box", (0.05, 0.05, 0.1), (-0.3, 0.1), 0.3),
         SceneObject("b", "box", (0.05, 0.05, 0.1), (0.3, 0.1), 0.3),
     ),
-    Goal("a", Region((-0.1, -0.2), 0.2, (0.1, 0.1))),
+    OnRegion("a", Region((-0.1, -0.2), 0.2, (0.1, 0.1))),
 )
 GROUNDING = SequenceTree(SCENE, K_MAX).grounding
 SEQUENCES = [
@@ -59,7 +59,7 @@ class Oracle(SequenceTree):
         return True
 
 
-class OracleRun(Run):
+class OracleSession(SearchSession):
     """Paths by the oracle."""
 
     def try_leaves(self, leaves: list[Node]) -> Steps[Outcome | None]:
@@ -100,8 +100,8 @@ GUESSES = {
 
 
 def solve(search: str, tree: Oracle, network: Guess | None = None) -> Outcome:
-    run = OracleRun(tree, lambda node, path: True, lambda line: None)
-    return run_alone(steps_of(search, run, network))
+    session = OracleSession(tree, lambda node, path: True, lambda line: None)
+    return run_alone(steps_of(search, session, network))
 
 
 @st.composite
@@ -134,7 +134,7 @@ def test_a_network_that_knows_needs_one_path_and_one_that_lies_still_finds_it(so
     guess = Guess(lambda state: states.get(state, 0.0) if not lies else 1 - states.get(state, 0.0))
     tried: list[list[Node]] = []
 
-    class Counting(OracleRun):
+    class Counting(OracleSession):
         def judge_prefix_chains(self, leaves):
             tried.append(leaves)
             return (yield from super().judge_prefix_chains(leaves))
@@ -176,7 +176,7 @@ def follow(search: str, tree: Oracle, script: Script) -> tuple[Outcome, list[lis
     """How a search ends, and the sequences that it tries alone or together, in order."""
     tried: list[list[tuple[Action, ...]]] = []
 
-    class Watched(OracleRun):
+    class Watched(OracleSession):
         def judge_prefix_chains(self, leaves):
             tried.append([leaf.actions for leaf in leaves])
             return (yield from super().judge_prefix_chains(leaves))

@@ -1,9 +1,9 @@
 """Collision: at every sample of the motion all bodies that can touch are apart.
 
-Rows ``g = -distance``, one for each sample and each pair of bodies (`dvr_jax.nlp.collision_rows`). Their Jacobian is never
-written down: the active rows of each sample are summed up beforehand (`dvr_jax.nlp.slices.reduce_slices`), and what is
-added here are these sums. A sample between two slices, at the fraction s of the interval, depends on both: on slice t by
-the factor s, on slice t - 1 by 1 - s.
+Rows ``g = -distance``, one for each sample and each pair of bodies (`dvr_jax.nlp.collision_rows`). Their Jacobian is
+never written down: the active rows of each sample are summed up beforehand (`dvr_jax.nlp.slices.reduce_slices`), and
+what is added here are these sums. A sample between two slices, at the fraction s of the interval, depends on both: on
+slice t by the factor s, on slice t - 1 by 1 - s.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
 """Footprint: what an action puts down lies within the rectangle of its support.
 
-Four rows for each action, in the support's own frame: by how much the object's footprint sticks out at the sides +x, +y,
--x and -y [m]. A prism (hx, hy, hz, r) that is turned by ``a`` against the support reaches
+Four rows for each action, in the support's own frame: by how much the object's footprint sticks out at the sides +x,
++y, -x and -y [m]. A prism (hx, hy, hz, r) that is turned by ``a`` against the support reaches
 
     e_x = |cos a| hx + |sin a| hy + r,        e_y = |sin a| hx + |cos a| hy + r
 
-from its center, so that the rows at +x and -x are ``+-d_x + e_x - s_x`` for the center's offset d and the support's half
-extents s. The rows of an action that puts nothing down are -1.
+from its center, so that the rows at +x and -x are ``+-d_x + e_x - s_x`` for the center's offset d and the support's
+half extents s. The rows of an action that puts nothing down are -1.
 """
 
 from __future__ import annotations

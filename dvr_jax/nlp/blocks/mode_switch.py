@@ -1,9 +1,9 @@
 r"""Mode switch: at a switch the object has the same pose under its old mode as under its new one.
 
-Six rows for each action, at the last slice of its phase: position under the old mode minus that under the new one [m], and
-twice the vector part of the quaternion of ``R_old R_new^T`` (the rotation vector [rad] to third order). With twists V_old,
-V_new of the object's two poses, V = (omega, v), a point p of each pose moves by ``v + omega x p``, and the quaternion (w, v)
-of the difference turns by
+Six rows for each action, at the last slice of its phase: position under the old mode minus that under the new one [m],
+and twice the vector part of the quaternion of ``R_old R_new^T`` (the rotation vector [rad] to third order). With
+twists V_old, V_new of the object's two poses, V = (omega, v), a point p of each pose moves by ``v + omega x p``, and
+the quaternion (w, v) of the difference turns by
 
     d(2 v) = w (omega_old - omega_new) + (omega_old + omega_new) x v.
 """

@@ -4,36 +4,39 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from komo_cases import written_out
+from solver_cases import written_out
 
-from dvr_jax.solver.banded import BorderedSystem, solve_bordered
+from dvr_jax.nlp.system import BorderedSystem
+from dvr_jax.solver.banded import solve_bordered
 
-JOINTS = 14
 
-
-def sample_system(phases: int, steps: int, seed: int = 0) -> BorderedSystem:
+def sample_system(phases: int, steps: int, joints: int = 14, seed: int = 0) -> BorderedSystem:
     """A positive definite system of a problem's size: blocks dominate what couples them."""
     generator = np.random.default_rng(seed)
-    T, M = phases * steps, 4 * phases
-    half = generator.normal(size=(T, JOINTS, JOINTS))
+    T = phases * steps
+    M = 4 * phases
+    half = generator.normal(size=(T, joints, joints))
     wide = generator.normal(size=(M, 2 * M))
-    border = generator.normal(size=(T, JOINTS, M)) / np.sqrt(T)
-    near, far = generator.normal(size=(T, JOINTS, JOINTS)) / 4, generator.normal(size=(T, JOINTS))
+    border = generator.normal(size=(T, joints, M)) / np.sqrt(T)
+    near = generator.normal(size=(T, joints, joints)) / 4
+    far = generator.normal(size=(T, joints))
     return BorderedSystem(
-        diagonal=jnp.asarray(half @ half.swapaxes(1, 2) + 8 * np.eye(JOINTS)),
+        diagonal=jnp.asarray(half @ half.swapaxes(1, 2) + 8 * np.eye(joints)),
         coupling=jnp.asarray(near) if steps > 1 else None,
         far_coupling=jnp.asarray(far) if steps > 1 else None,
         border=jnp.asarray(border),
         corner=jnp.asarray(wide @ wide.T + 30 * np.eye(M)),
-        gradient_q=jnp.asarray(generator.normal(size=(T, JOINTS))),
+        gradient_q=jnp.asarray(generator.normal(size=(T, joints))),
         gradient_m=jnp.asarray(generator.normal(size=M)),
     )
 
 
 @pytest.mark.parametrize(("phases", "steps"), [(1, 1), (6, 1), (1, 2), (1, 3), (2, 3), (6, 10)])
 @pytest.mark.parametrize("damping", [0.0, 0.7])
-def test_against_a_dense_solve(phases: int, steps: int, damping: float) -> None:
-    system = sample_system(phases, steps)
+@pytest.mark.parametrize("joints", [6, 14])
+def test_against_a_dense_solve(phases: int, steps: int, damping: float, joints: int) -> None:
+    """Also for arms with other numbers of joints than two Pandas have."""
+    system = sample_system(phases, steps, joints)
     H = written_out(system)
     assert np.linalg.eigvalsh(H).min() > 1e-3, "the sample is not positive definite"
     dq, dm = jax.jit(solve_bordered)(system, damping)
@@ -46,7 +49,7 @@ def test_against_a_dense_solve(phases: int, steps: int, damping: float) -> None:
 @pytest.mark.parametrize("steps", [1, 4])
 def test_an_indefinite_matrix_gives_nan(steps: int) -> None:
     system = sample_system(2, steps)
-    diagonal = system.diagonal.at[0].add(-1e3 * jnp.eye(JOINTS))
+    diagonal = system.diagonal.at[0].add(-1e3 * jnp.eye(system.diagonal.shape[-1]))
     dq, dm = solve_bordered(system._replace(diagonal=diagonal), 0.0)
     assert np.isnan(dm).any()
     assert np.isnan(dq).any()

@@ -10,17 +10,8 @@ import pytest
 from hock_schittkowski import EXAMPLES, Example
 from jax import Array
 
-from dvr_jax.solver import augmented_lagrangian as augmented
-from dvr_jax.solver.augmented_lagrangian import (
-    AFTER,
-    BEFORE,
-    DURING,
-    FEASIBLE,
-    RUNNING,
-    Settings,
-    SolverState,
-    trial_point,
-)
+from dvr_jax.solver import augmented_lagrangian
+from dvr_jax.solver.augmented_lagrangian import RestorationPhase, Settings, SolverState, SolverStatus, trial_point
 
 TOLERANCE = 1e-7
 """Violation that the method may leave."""
@@ -84,10 +75,10 @@ def _start(example: Example, settings: Settings) -> SolverState:
         value=infinity,
         system=System(np.zeros((x.size, x.size)), np.zeros_like(x)),
         report=infinity,
-        updated_ratio=infinity,
-        best_ratio=infinity,
-        inner=count,
-        stale=count,
+        updated_violation=infinity,
+        best_violation=infinity,
+        inner_iterations=count,
+        updates_without_progress=count,
         iterations=count,
         restoration=count,
         status=count,
@@ -101,19 +92,24 @@ def _iterate(example: Example, settings: Settings, lane: SolverState) -> SolverS
 
     (J_r, J_c), (r, c) = jax.jacfwd(twice, has_aux=True)(trial_point(lane))
     h, g = c
-    ratio = jnp.concatenate([jnp.abs(h), g]).max(initial=0.0) / TOLERANCE
-    judged = augmented.judge(settings, lane, 0.5 * r @ r, c, (1.0, 1.0), (True, False), ratio)
-    matrix, gradient = J_r.T @ J_r, jnp.where(judged.restoration == DURING, 0, J_r.T @ r)
-    for J, force, curvature in zip(J_c, judged.force, judged.curvature, strict=True):
-        matrix += J.T @ (curvature[:, None] * J)
-        gradient += J.T @ force
-    return augmented.advance(settings, lane, judged, System(matrix, gradient), ratio, _solve)
+    violation = jnp.concatenate([jnp.abs(h), g]).max(initial=0.0) / TOLERANCE
+    update = augmented_lagrangian.judge_trial(
+        settings, lane, 0.5 * r @ r, c, (1.0, 1.0), (True, False), relative_violation=violation
+    )
+    matrix = J_r.T @ J_r
+    gradient = jnp.where(update.restoration == RestorationPhase.DURING, 0, J_r.T @ r)
+    for J, estimate, penalty in zip(J_c, update.multiplier_estimate, update.active_penalty, strict=True):
+        matrix += J.T @ (penalty[:, None] * J)
+        gradient += J.T @ estimate
+    return augmented_lagrangian.next_trial(settings, lane, update, System(matrix, gradient), violation, _solve)
 
 
 # Each program runs for milliseconds: optimizing it takes longer than it saves.
 @partial(jax.jit, static_argnums=0, compiler_options={"xla_backend_optimization_level": 0})
 def _run(example: Example, settings: Settings, lane: SolverState) -> SolverState:
-    return jax.lax.while_loop(lambda lane: lane.status == RUNNING, partial(_iterate, example, settings), lane)
+    return jax.lax.while_loop(
+        lambda lane: lane.status == SolverStatus.RUNNING, partial(_iterate, example, settings), lane
+    )
 
 
 def _solved(number: int, settings: Settings) -> tuple[SolverState, float]:
@@ -123,7 +119,7 @@ def _solved(number: int, settings: Settings) -> tuple[SolverState, float]:
     x = np.asarray(lane.x)
     assert x.dtype == np.float64
     violation = max([0.0, *np.abs(example.equalities(*x)), *example.rows(*x)])
-    assert lane.status == FEASIBLE
+    assert lane.status == SolverStatus.FEASIBLE
     assert violation < 1e-6
     return lane, example.scale * np.sum(np.square(example.residuals(*x))) + example.constant
 
@@ -159,9 +155,9 @@ def test_restoration_ends_feasible_and_not_later(number: int) -> None:
     direct, _ = _solved(number, SETTINGS)
     restored, f = _solved(number, SETTINGS._replace(restoration_ratio=np.inf, restoration_limit=30))
     optimum = EXAMPLES[number].optimum
-    assert direct.restoration == BEFORE and restored.restoration != BEFORE
+    assert direct.restoration == RestorationPhase.BEFORE and restored.restoration != RestorationPhase.BEFORE
     assert f >= optimum - 1e-5 * max(1, abs(optimum))
-    if restored.restoration == DURING:
+    if restored.restoration == RestorationPhase.DURING:
         assert restored.iterations <= direct.iterations
 
 
@@ -169,5 +165,5 @@ def test_restoration_does_not_call_a_contradiction_feasible() -> None:
     """x^2 + 1 = 0: the least violation is 1."""
     impossible = Example(0, (2.0,), lambda x: (x - 3,), 0.0, equalities=lambda x: (x * x + 1,))
     lane = _run(impossible, SETTINGS._replace(restoration_ratio=np.inf), _start(impossible, SETTINGS))
-    assert lane.restoration == AFTER
-    assert lane.status != FEASIBLE
+    assert lane.restoration == RestorationPhase.AFTER
+    assert lane.status != SolverStatus.FEASIBLE

@@ -1,4 +1,4 @@
-"""Both searches on small scenes: they agree, they are repeatable, and they end when the tree is exhausted."""
+"""Small scenes by both searches without a network: they agree, are repeatable, and end when the tree is exhausted."""
 
 import math
 from dataclasses import replace
@@ -9,14 +9,15 @@ import pytest
 
 from dvr_jax.errors import DvrError
 from dvr_jax.planning.planner import Plan, plan
-from dvr_jax.scene.types import DEFAULT_HOME, Goal, Region, Scene, SceneObject
+from dvr_jax.scene.types import OnRegion, Region, Scene, SceneObject
 from dvr_jax.search.status import PlanStatus
+from dvr_jax.workcell.workcell import DEFAULT_WORKCELL
 
 REGION = Region((-0.35, -0.25), 0.2, (0.2, 0.2))
 
 
 def one_box(x: float, y: float) -> Scene:
-    return Scene((SceneObject("a", "box", (0.06, 0.12, 0.1), (x, y), 0.4),), Goal("a", REGION))
+    return Scene((SceneObject("a", "box", (0.06, 0.12, 0.1), (x, y), 0.4),), OnRegion("a", REGION))
 
 
 @pytest.fixture(scope="module")
@@ -63,10 +64,12 @@ def test_requests_that_make_no_sense_are_refused(options: dict[str, Any], messag
 
 
 def test_an_arm_in_collision_at_home_is_refused_before_anything_is_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
-    bent = ((0.0, 1.7, 0.0, -0.3, 0.0, 1.6, 0.8), DEFAULT_HOME[1])
+    left, right = DEFAULT_WORKCELL.arms
+    bent = replace(left, home=(0.0, 1.7, 0.0, -0.3, 0.0, 1.6, 0.8))
+    workcell = replace(DEFAULT_WORKCELL, arms=(bent, right))
     monkeypatch.setattr("dvr_jax.planning.planner.warming_up", lambda *arguments: pytest.fail("began to compile"))
     with pytest.raises(DvrError, match="with the arms at home"):
-        plan(replace(one_box(-0.4, 0.3), home=bent), "mbts")
+        plan(replace(one_box(-0.4, 0.3), workcell=workcell), "mbts")
 
 
 def test_a_plan_takes_the_place_of_another_that_was_found(plans: dict[str, Plan], tmp_path: Path) -> None:

@@ -4,36 +4,34 @@ whose motion penetrates."""
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import islice
+from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
-from scipy.interpolate import PchipInterpolator
+from search_cases import judge_prefixes
 
-from dvr_jax.bench.recall import PROBLEMS, judge_prefix, read_problems
+from dvr_jax.bench.problems import read_problems
 from dvr_jax.checker import CheckReport
-from dvr_jax.checker.replay import DEEPEST_CONTACT, check_motion
-from dvr_jax.nlp.tolerances import REST_TOLERANCE
-from dvr_jax.nlp.transcription import transcribe
-from dvr_jax.planning import path_motion as interpolation
+from dvr_jax.checker.replay import check_motion
+from dvr_jax.checker.tolerances import DEEPEST_CONTACT
+from dvr_jax.motion.joint_curve import joint_curve
+from dvr_jax.nlp.blocks.rest import REST_TOLERANCE
+from dvr_jax.planning import path_motion
 from dvr_jax.planning.path_motion import interpolate
-from dvr_jax.runtime import batch_sizes as batch_sizes
+from dvr_jax.runtime import batch_sizes
 from dvr_jax.scene.mjcf import build_model
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.node import Node
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import run_alone
-from dvr_jax.seeds.initial_paths import STEPS_PER_PHASE, keyframe_start, path_problem, path_start
-from dvr_jax.solver import engine
-from dvr_jax.solver.augmented_lagrangian import FEASIBLE, ITERATION_LIMIT, Settings
+from dvr_jax.seeds.initial_paths import STEPS_PER_PHASE, initial_path, keyframe_start, path_problem
+from dvr_jax.solver import lane_pool
+from dvr_jax.solver.augmented_lagrangian import Settings, SolverStatus
 from dvr_jax.solver.continuous_collision import (
     BETWEEN_TOLERANCE,
-    PATH_SAMPLES,
     SAMPLES_PER_SLICE,
     PenetrationSamples,
-    even_shares,
-    exchange_samples,
-    joint_curve,
     sample_penetration,
 )
 from dvr_jax.solver.lane_pool import NlpSolution, solve
@@ -44,9 +42,9 @@ HANDOVERS = (133, 235)
 
 @pytest.fixture(scope="module", params=HANDOVERS)
 def handover(request: pytest.FixtureRequest) -> tuple[Scene, SequenceTree, Node]:
-    scene, actions, _ = next(islice(read_problems(PROBLEMS), request.param, None))
+    scene, actions, _ = next(islice(read_problems(), request.param, None))
     tree = SequenceTree(scene, k_max=6)
-    return scene, tree, run_alone(judge_prefix(tree, actions))
+    return scene, tree, run_alone(judge_prefixes(tree, actions))
 
 
 @pytest.fixture
@@ -54,12 +52,12 @@ def looks(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[PenetrationSamples]]
     """What a solver sees between slices, each time that it looks."""
     seen: list[PenetrationSamples] = []
 
-    def look(*arguments):
+    def look(*arguments: Any) -> PenetrationSamples:
         found = sample_penetration(*arguments)
         seen.append(found)
         return found
 
-    monkeypatch.setattr(engine, "sample_penetration", look)
+    monkeypatch.setattr(lane_pool, "sample_penetration", look)
     yield seen
 
 
@@ -71,20 +69,21 @@ def replay(scene: Scene, node: Node, path: NlpSolution) -> CheckReport:
 def test_a_path_that_penetrates_between_its_samples_is_not_feasible(
     handover: tuple[Scene, SequenceTree, Node], looks: list[PenetrationSamples], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(engine, "EXCHANGES", 0)
+    monkeypatch.setattr(lane_pool, "EXCHANGES", 0)
     scene, tree, node = handover
     path = run_alone(tree.solver.solve_path(node))
-    (share,), (depth,) = (part[:1] for part in looks[-1])
+    fraction = looks[-1].fraction[0]
+    depth = looks[-1].depth[0]
     assert depth.max() > DEEPEST_CONTACT
-    assert not path.feasible and path.status == ITERATION_LIMIT and path.ratio > 1
+    assert not path.feasible and path.status == SolverStatus.ITERATION_LIMIT and path.relative_violation > 1
     assert node.problem is not None
-    # PenetrationSamples lie at twentieths of an interval.
-    monkeypatch.setattr(interpolation, "SAMPLES_PER_SLICE", 2 * SAMPLES_PER_SLICE)
+    # They are taken at twentieths of an interval.
+    monkeypatch.setattr(path_motion, "SAMPLES_PER_SLICE", 2 * SAMPLES_PER_SLICE)
     states = interpolate(scene, node.problem, path.q, path.m).qpos
     model = build_model(scene)
     data = mujoco.MjData(model)
     for t, look in np.argwhere(depth > 1e-4):
-        data.qpos[:] = states[round((t + share[t, look]) * 2 * SAMPLES_PER_SLICE)]
+        data.qpos[:] = states[round((t + fraction[t, look]) * 2 * SAMPLES_PER_SLICE)]
         mujoco.mj_kinematics(model, data)
         mujoco.mj_collision(model, data)
         assert depth[t, look] == pytest.approx(-data.contact.dist.min(), abs=1e-9)
@@ -99,7 +98,7 @@ def test_exchanged_samples_end_in_a_motion_without_penetration(
     scene, tree, node = handover
     path = run_alone(tree.solver.solve_path(node))
     assert len(looks) > 1 and looks[0].depth.max() > DEEPEST_CONTACT
-    assert path.feasible and path.status == FEASIBLE and path.ratio <= 1
+    assert path.feasible and path.status == SolverStatus.FEASIBLE and path.relative_violation <= 1
     assert replay(scene, node, path).deepest_penetration <= BETWEEN_TOLERANCE
 
 
@@ -109,18 +108,20 @@ def test_paths_side_by_side_are_those_one_by_one(
     """More paths than lanes; some penetrate between their samples at first, and no lane is looked at without need."""
     monkeypatch.setenv("DVR_JAX_CACHE", "off")  # programs are kept by their shapes
     tasks = []
-    rows = list(read_problems(PROBLEMS))
+    rows = list(read_problems())
     paths_of_two = [i for i, (*_, row) in enumerate(rows) if (row["kind"], row["length"]) == ("path", 2)]
     for scene, actions, _ in (rows[number] for number in (*HANDOVERS, *paths_of_two[:5])):
-        node = run_alone(judge_prefix(SequenceTree(scene, k_max=6), actions))
-        start = path_start(node.problem, keyframe_start(node.beam, 0, 2))  # type: ignore[arg-type]
+        tree = SequenceTree(scene, k_max=6)
+        model = tree.solver.model
+        node = run_alone(judge_prefixes(tree, actions))
+        start = initial_path(model, node.problem, keyframe_start(node.beam, 0, 2))  # type: ignore[arg-type]
         tasks.append((path_problem(node.problem, start), start))  # type: ignore[arg-type]
     problems, starts = zip(*tasks, strict=True)
-    alone = [result for problem, start in tasks for result in solve([problem], [start], Settings())]
+    alone = [result for problem, start in tasks for result in solve(model, [problem], [start], Settings())]
     needed = len(looks)
     assert needed > len(tasks)
     monkeypatch.setattr(batch_sizes, "CPU", replace(batch_sizes.CPU, path_lanes=3))
-    together = solve(problems, starts, Settings())
+    together = solve(model, problems, starts, Settings())
     assert len(looks) - needed <= needed
     for ours, theirs in zip(together, alone, strict=True):
         assert (ours.status, ours.iterations) == (theirs.status, theirs.iterations)
@@ -130,10 +131,10 @@ def test_paths_side_by_side_are_those_one_by_one(
 def test_of_a_path_with_samples_at_its_slices_nothing_else_is_looked_at(
     handover: tuple[Scene, SequenceTree, Node], looks: list[PenetrationSamples]
 ) -> None:
-    scene, _, node = handover
+    scene, tree, node = handover
     assert node.problem is not None and node.beam is not None
-    start = path_start(node.problem, keyframe_start(node.beam, 0, node.depth))
-    (path,) = solve([path_problem(node.problem, start, samples=1)], [start], Settings())
+    start = initial_path(tree.solver.model, node.problem, keyframe_start(node.beam, 0, node.depth))
+    (path,) = solve(tree.solver.model, [path_problem(node.problem, start, samples=1)], [start], Settings())
     assert path.feasible and not looks
     assert replay(scene, node, path).deepest_penetration > DEEPEST_CONTACT
 
@@ -157,43 +158,11 @@ def test_a_motion_starts_and_ends_at_rest_and_keeps_to_the_limits(
 def test_samples_of_a_start_lie_on_the_line_where_it_rests(handover: tuple[Scene, SequenceTree, Node]) -> None:
     """In the interval before a switch, in which solutions rest too: a sample beside the resting motion would ask for
     a clearance that a placed object cannot have."""
-    _, _, node = handover
+    _, tree, node = handover
     assert node.problem is not None and node.beam is not None
-    start = path_start(node.problem, keyframe_start(node.beam, 0, node.depth))
+    start = initial_path(tree.solver.model, node.problem, keyframe_start(node.beam, 0, node.depth))
     path = path_problem(node.problem, start)
     for last in range(STEPS_PER_PHASE - 1, len(start.q), STEPS_PER_PHASE):
         np.testing.assert_array_equal(start.q[last], start.q[last - 1])
-        np.testing.assert_allclose(path.offset[last], 0, atol=1e-15)
-    assert np.abs(path.offset).max() > 1e-3
-
-
-def test_samples_move_to_the_deepest_place_of_their_part_and_lie_on_the_motion(
-    handover: tuple[Scene, SequenceTree, Node],
-) -> None:
-    scene, _, node = handover
-    problem, T = transcribe(scene, node.actions), 20
-    q = problem.home + np.random.default_rng(0).normal(size=(T, 14)) * 0.3
-    problem = problem._replace(share=even_shares(T))
-    share = np.tile([0.1, 0.2, 0.4, 0.5, 0.6, 0.8, 0.9, 0.35, 0.85], (T, 1))
-    depth = np.zeros((T, 9))
-    depth[3, [1, 2]] = BETWEEN_TOLERANCE + 0.001, BETWEEN_TOLERANCE + 0.002
-    depth[3, 5] = BETWEEN_TOLERANCE + 0.001
-    depth[4, [2, 7]] = BETWEEN_TOLERANCE + 0.001, BETWEEN_TOLERANCE + 0.002
-    depth[5, 6] = BETWEEN_TOLERANCE - 0.001
-    moved = exchange_samples(problem, q, share, depth)
-    expected = even_shares(T)
-    expected[3] = 0.4, 0.8, 1
-    expected[4, 0] = 0.35
-    np.testing.assert_allclose(moved.share, expected, atol=1e-15)
-    assert expected.shape == (T, PATH_SAMPLES)
-    knots = np.concatenate([problem.home[None], q])
-    curve = PchipInterpolator(np.arange(-1, T + 1), np.concatenate([knots[:1], knots]))  # from rest
-    for t in range(T):
-        line = knots[t] + moved.share[t][:, None] * (knots[t + 1] - knots[t])
-        np.testing.assert_allclose(line + moved.offset[t], curve(t + moved.share[t]), atol=1e-12)
-
-
-@pytest.mark.parametrize("samples", [2, 4])
-def test_samples_that_do_not_divide_the_looks_are_refused(samples: int) -> None:
-    with pytest.raises(ValueError, match=f"{samples} samples a slice; valid are divisors of 9"):
-        even_shares(5, samples)
+        np.testing.assert_allclose(path.sample_offset[last], 0, atol=1e-15)
+    assert np.abs(path.sample_offset).max() > 1e-3

@@ -1,0 +1,40 @@
+"""Samples of a path move to where its motion penetrates, and lie on the motion."""
+
+import numpy as np
+import pytest
+from scipy.interpolate import PchipInterpolator
+from solver_cases import JOINTS, SCENE, SKELETONS
+
+from dvr_jax.nlp.transcription import transcribe
+from dvr_jax.solver.continuous_collision import BETWEEN_TOLERANCE, PATH_SAMPLES, even_fractions, exchange_samples
+
+
+def test_samples_move_to_the_deepest_place_of_their_part_and_lie_on_the_motion() -> None:
+    problem = transcribe(SCENE, SKELETONS[0][:2])
+    T = 20
+    q = problem.home + np.random.default_rng(0).normal(size=(T, JOINTS)) * 0.3
+    problem = problem._replace(sample_fraction=even_fractions(T))
+    fraction = np.tile([0.1, 0.2, 0.4, 0.5, 0.6, 0.8, 0.9, 0.35, 0.85], (T, 1))
+    depth = np.zeros((T, 9))
+    depth[3, [1, 2]] = BETWEEN_TOLERANCE + 0.001, BETWEEN_TOLERANCE + 0.002
+    depth[3, 5] = BETWEEN_TOLERANCE + 0.001
+    depth[4, [2, 7]] = BETWEEN_TOLERANCE + 0.001, BETWEEN_TOLERANCE + 0.002
+    depth[5, 6] = BETWEEN_TOLERANCE - 0.001
+    moved = exchange_samples(problem, q, fraction, depth)
+    expected = even_fractions(T)
+    expected[3] = 0.4, 0.8, 1
+    expected[4, 0] = 0.35
+    np.testing.assert_allclose(moved.sample_fraction, expected, atol=1e-15)
+    assert expected.shape == (T, PATH_SAMPLES)
+    knots = np.concatenate([problem.home[None], q])
+    curve = PchipInterpolator(np.arange(-1, T + 1), np.concatenate([knots[:1], knots]))  # from rest
+    for t in range(T):
+        line = knots[t] + moved.sample_fraction[t][:, None] * (knots[t + 1] - knots[t])
+        at_samples = line + moved.sample_offset[t]
+        np.testing.assert_allclose(at_samples, curve(t + moved.sample_fraction[t]), atol=1e-12)
+
+
+@pytest.mark.parametrize("samples", [2, 4])
+def test_samples_that_do_not_divide_the_times_looked_at_are_refused(samples: int) -> None:
+    with pytest.raises(ValueError, match=f"{samples} samples a slice; valid are divisors of 9"):
+        even_fractions(5, samples)
