@@ -24,7 +24,7 @@ install_import_hook(
         "dvr_jax.solver",
         "dvr_jax.workcell",
     ],
-    "beartype.beartype",
+    "annotation_checks.check",
 )
 
 jax.config.update("jax_enable_x64", True)

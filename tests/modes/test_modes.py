@@ -139,9 +139,7 @@ def test_twists_are_the_differences(world: World) -> None:
             for sign, one in ((s, np.eye(PARAMETERS)[parameter][:, None, None]) for s in (1, -1))
         )
         for n, index, _ in world.each():
-            after, before = (
-                Rotation.from_matrix(side.rotation[:, :, n, index].T) for side in (ahead, behind)
-            )
+            after, before = (Rotation.from_matrix(side.rotation[:, :, n, index].T) for side in (ahead, behind))
             angular = (after * before.inv()).as_rotvec() / (2 * STEP)
             moved = (ahead.position - behind.position)[:, n, index] / (2 * STEP)
             linear = moved - np.cross(angular, poses.position[:, n, index])

@@ -4,7 +4,6 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from nlp_cases import FIXED, SIDE_BY_SIDE, SINGLE_ARM, Case, Floats, make_case
@@ -14,7 +13,7 @@ from dvr_jax.nlp.evaluation import evaluate_constraints
 from dvr_jax.nlp.layout import lay_out
 from dvr_jax.nlp.problem import Problem, Variables
 from dvr_jax.nlp.slices import SliceGeometry, distance_jacobian, measure
-from dvr_jax.runtime.compilation import CPU_OPTIONS
+from dvr_jax.runtime.compilation import Program
 from dvr_jax.workcell.model import WorkcellModel
 
 
@@ -40,22 +39,32 @@ class Results(NamedTuple):
         return -self.rows["collision"]
 
 
+# Programs of the package's own functions are kept on disk, so that only the first run of the tests waits for them.
+lay_out_program = Program(lay_out)
+measure_program = Program(measure)
+constraints_program = Program(evaluate_constraints)
+jacobian_program = Program(distance_jacobian)
+
+
 def evaluate(model: WorkcellModel, problems: Problem, x: Variables) -> Results:
     B = len(x.q)
-    geometry = measure(model, lay_out(problems, x))
-    evaluations = evaluate_constraints(model, problems, x, geometry)
+    geometry = measure_program(model, lay_out_program(problems, x))
+    evaluations = constraints_program(model, problems, x, geometry)
     L, P = geometry.distance.shape
-    J = distance_jacobian(model, geometry, jnp.broadcast_to(jnp.arange(P), (L, P))).reshape(B, L // B, -1, P)
+    J = jacobian_program(model, geometry, np.tile(np.arange(P), (L, 1)))
     return Results(
         {name: evaluation.rows for name, evaluation in evaluations.items()},
         {name: evaluation.jacobian for name, evaluation in evaluations.items()},
         {name: evaluation.violation for name, evaluation in evaluations.items()},
-        J,
+        J.reshape(B, L // B, -1, P),
         geometry,
     )
 
 
-COMPILED = jax.jit(evaluate, compiler_options=CPU_OPTIONS)
+def evaluate_rows(model: WorkcellModel, problems: Problem, x: Variables) -> dict[str, Floats]:
+    """Rows alone, for central differences."""
+    evaluations = constraints_program(model, problems, x, measure_program(model, lay_out_program(problems, x)))
+    return {name: np.asarray(evaluation.rows) for name, evaluation in evaluations.items()}
 
 
 class Evaluated:
@@ -78,11 +87,14 @@ class Evaluated:
         return self.results.distance
 
     def of(self, problems: Problem, x: Variables) -> Results:
-        return jax.tree.map(np.asarray, COMPILED(self.model, problems, x))
+        return jax.tree.map(np.asarray, evaluate(self.model, problems, x))
+
+    def rows_of(self, problems: Problem, x: Variables) -> dict[str, Floats]:
+        return evaluate_rows(self.model, problems, x)
 
     def moved(self, kind: str, index: tuple[object, ...], amount: float) -> dict[str, Floats]:
         """Rows after a change of some joint angles ("q") or mode parameters ("m")."""
-        return self.of(self.case.problems, move(self.case.x, kind, index, amount)).rows
+        return self.rows_of(self.case.problems, move(self.case.x, kind, index, amount))
 
     @cached_property
     def hands(self) -> tuple[Floats, Floats]:

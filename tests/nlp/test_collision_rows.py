@@ -196,7 +196,7 @@ CLOSE = facing_workcell(0.6)
 
 
 def stretched(workcell: Workcell, generator: np.random.Generator) -> Floats:
-    """Postures of arms that reach for the middle of all bases, or ahead where there is one base, else they seldom meet."""
+    """Postures of arms that reach for the middle of all bases, or ahead where there is one; else they seldom meet."""
     middle = np.mean([arm.position for arm in workcell.arms], axis=0)
     angles = generator.uniform(*workcell.robot.joint_limits, (workcell.number_of_arms, 7))
     for index, arm in enumerate(workcell.arms):

@@ -150,8 +150,8 @@ def test_capsules_and_objects(evaluated, by_joint, by_parameter) -> None:
 
 
 def test_capsules_and_fixed_bodies(evaluated, by_joint, by_parameter) -> None:
-    """Where a capsule's axis does not enter the body: there its depth is of the axis' deepest point, but for some tenths of
-    a millimeter (tests/geometry), and has kinks."""
+    """Where a capsule's axis does not enter the body: there its depth is that of the axis' deepest point, but for some
+    tenths of a millimeter (tests/geometry), and has kinks."""
     if not evaluated.case.setting.number_of_fixed:
         pytest.skip("no fixed bodies")
     radii = np.tile(evaluated.model.capsule_radii, evaluated.model.structure.number_of_arms)

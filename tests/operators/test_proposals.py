@@ -361,10 +361,12 @@ def test_both_arms_reach_a_part_of_the_meeting_region(name: str) -> None:
     center, axis = meeting_region(workcell, 0, 1)
     generator = np.random.default_rng(0)
     along, across, height = generator.uniform(
-        [-MEETING_ALONG, -MEETING_ACROSS, MEETING_HEIGHT[0]], [MEETING_ALONG, MEETING_ACROSS, MEETING_HEIGHT[1]], (4000, 3)
+        [-MEETING_ALONG, -MEETING_ACROSS, MEETING_HEIGHT[0]],
+        [MEETING_ALONG, MEETING_ACROSS, MEETING_HEIGHT[1]],
+        (4000, 3),
     ).T
     p = np.column_stack([*(center[:, None] + np.outer(axis, along) + np.outer([-axis[1], axis[0]], across)), height])
-    shoulders = base_positions(workcell) + [0, 0, 0.333]
+    shoulders = base_positions(workcell) + np.array([0, 0, 0.333])
     reachable = (np.linalg.norm(p[:, None] - shoulders, axis=2) < 0.855).all(1)
     assert reachable.mean() > REACHABLE[name]
 

@@ -1,4 +1,4 @@
-"""Scenes, skeletons and points for the tests of the NLP, and object poses from the definition of the mode parameters."""
+"""Scenes, skeletons and points for the tests of the NLP, and object poses by the definition of the mode parameters."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -149,7 +149,7 @@ def test_unreachable_poses_are_invalid_and_finite(solve: Solve, reached: Reached
     assert not valid[:, 40:].any()
     down = np.broadcast_to(np.diag([1.0, -1.0, -1.0]), (n, 3, 3))
     for height in (0, 0.316 + 0.384, 1.2 - 0.333, -0.333):
-        q, valid = solve(reached, down, [*shoulder, 0, 0, height], np.linspace(-2.8, 2.8, n))
+        q, valid = solve(reached, down, shoulder + np.array([0, 0, height]), np.linspace(-2.8, 2.8, n))
         assert np.isfinite(q).all()
     q, valid = solve(reached, down, np.zeros((n, 3)), np.linspace(-2.8, 2.8, n))
     assert np.isfinite(q).all()

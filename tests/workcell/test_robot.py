@@ -156,7 +156,7 @@ def test_a_robot_without_self_collisions() -> None:
 
 def test_robots_are_known_by_name() -> None:
     assert robot_named("panda") is PANDA
-    with pytest.raises(DvrError, match="no robot 'r2d2'; valid: .*panda"):
+    with pytest.raises(DvrError, match=r"no robot 'r2d2'; valid: .*panda"):
         robot_named("r2d2")
 
 

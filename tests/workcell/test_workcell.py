@@ -59,7 +59,7 @@ def listed(workcell: Workcell) -> list[tuple[int, int, int, int]]:
 @pytest.mark.parametrize("distance", [0.4, 0.8, 1.0, 1.3, 1.5, 1.6, 1.8, 2.0, 3.0])
 @pytest.mark.parametrize("turn", [0.0, 0.7])
 def test_pairs_of_two_arms(distance: float, turn: float) -> None:
-    """Exactly those whose reaches, grown along the arm, together span the distance; each once, however the arms look."""
+    """Exactly those whose reaches, grown along the arm, span the distance; each once, however the arms look."""
     arms = (
         Arm("a", (-distance / 2, 0.1), turn),
         Arm("b", (distance / 2, 0.1), 2 * turn),
