@@ -10,7 +10,8 @@ from pathlib import Path
 import jax
 from jaxtyping import install_import_hook
 
-# The shapes and types in the annotations of these packages are checked whenever one of their functions is called.
+# The shapes and types in the annotations of these packages are checked whenever one of their functions is called. Absent is
+# `dvr_jax.workcell.model`, whose dataclass is a pytree: JAX also makes ones whose leaves are no arrays.
 install_import_hook(
     [
         "dvr_jax.geometry",
@@ -22,7 +23,11 @@ install_import_hook(
         "dvr_jax.seeds",
         "dvr_jax.shapes",
         "dvr_jax.solver",
-        "dvr_jax.workcell",
+        "dvr_jax.workcell.gripper_motion",
+        "dvr_jax.workcell.kinematics",
+        "dvr_jax.workcell.panda",
+        "dvr_jax.workcell.robot",
+        "dvr_jax.workcell.workcell",
     ],
     "annotation_checks.check",
 )
