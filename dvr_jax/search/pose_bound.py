@@ -70,6 +70,11 @@ class PoseBound:
             judged = self._chains[chain][ignored]
             if not judged.feasible:
                 node.refute("pose", judged.violation)
+            elif not ignored:
+                # Nothing is left out of the world: these are the keyframes that the sequence bound asks for.
+                node.feasible = True
+                node.problem = judged.problem
+                node.beam = judged.beam
         return [node.feasible is not False for node in nodes]
 
     def check_cached(self, node: Node) -> bool:
