@@ -94,7 +94,9 @@ def _add_to_system(
 
     # The parameters do not change within a phase: all its samples are summed up.
     in_phase = matrix[:, D:, D:].reshape(K, T // K * M, PARAMETERS, N, PARAMETERS, N).sum(1)
-    corner = jnp.einsum("kcndo,knl,koj->lcjd", in_phase, belongs, belongs).reshape(K * PARAMETERS, -1)
+    corner = jnp.einsum("kcndo,knl,koj->lcjd", in_phase, belongs, belongs).reshape(
+        K * PARAMETERS, -1
+    )
     gradient_m = gradient[:, D:].reshape(K, T // K * M, PARAMETERS, N).sum(1)
     gradient_m = jnp.einsum("kcn,knl->lc", gradient_m, belongs).reshape(-1)
     return parts._replace(
