@@ -31,7 +31,10 @@ from dvr_jax.search.searches import GUIDED, SEARCHES
 BASELINE = "mbts"
 """The search that the others' speed-up is over."""
 
-TABLE_HEAD = "  length scenes   total s   first right   proposed   paths tried   path NLPs   keyframe NLPs (medians; means)"
+TABLE_HEAD = (
+    "  length scenes   total s   first right   proposed   paths tried   path NLPs   "
+    "keyframe NLPs (medians; means)"
+)
 
 
 @dataclass(frozen=True)

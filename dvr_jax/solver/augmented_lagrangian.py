@@ -279,6 +279,13 @@ def _sum(value: Array) -> Array:
     return value
 
 
+def _next_penalty(settings: Settings, state: SolverState, relative_violation: Array) -> Array:
+    """Penalty after a subproblem: it grows where the violation has not decreased by enough."""
+    is_slow = relative_violation > settings.sufficient_decrease * state.updated_violation
+    grown = jnp.minimum(state.penalty * settings.penalty_growth, settings.penalty_limit)
+    return jnp.where(is_slow, grown, state.penalty)
+
+
 def judge_trial(
     settings: Settings,
     state: SolverState,
@@ -321,9 +328,7 @@ def judge_trial(
     multipliers = tuple(
         jnp.where(ended, new, old) for new, old in zip(updated, state.multipliers, strict=True)
     )
-    is_slow = relative_violation > settings.sufficient_decrease * state.updated_violation
-    grown = jnp.minimum(state.penalty * settings.penalty_growth, settings.penalty_limit)
-    penalty = jnp.where(ended & is_slow, grown, state.penalty)
+    penalty = jnp.where(ended, _next_penalty(settings, state, relative_violation), state.penalty)
     progressed = relative_violation < 0.9 * state.best_violation
     without_progress = jnp.where(progressed, 0, state.updates_without_progress + 1)
 

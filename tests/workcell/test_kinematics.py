@@ -6,11 +6,26 @@ import jax
 import mujoco
 import numpy as np
 import pytest
-from arm_states import POSTURES, Floats, Simulated, as_arms, bases_of, matrices, sample_postures, vectors
+from arm_states import (
+    POSTURES,
+    Floats,
+    Simulated,
+    as_arms,
+    bases_of,
+    matrices,
+    sample_postures,
+    vectors,
+)
 
 from dvr_jax.runtime.compilation import CPU_OPTIONS
 from dvr_jax.workcell.gripper_motion import shift_gripper
-from dvr_jax.workcell.kinematics import BasePoses, capsule_segments, hand_pose, joint_screws, link_poses
+from dvr_jax.workcell.kinematics import (
+    BasePoses,
+    capsule_segments,
+    hand_pose,
+    joint_screws,
+    link_poses,
+)
 from dvr_jax.workcell.model import WorkcellModel, workcell_model
 from dvr_jax.workcell.panda import PANDA
 from dvr_jax.workcell.workcell import WORKCELLS, Workcell, base_positions, base_rotations
