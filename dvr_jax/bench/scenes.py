@@ -7,6 +7,7 @@ goes on where it was.
 from __future__ import annotations
 
 import hashlib
+import math
 import os
 import statistics
 import sys
@@ -138,6 +139,7 @@ def _plan_one(options: ScenesOptions, index: int) -> SceneResult:
         verdicts=result.verdicts,
         rejected=result.rejected,
         passed=result.report is not None and result.report.passed,
+        deepest_penetration=result.report.deepest_penetration if result.report else math.nan,
     )
 
 
@@ -204,10 +206,12 @@ def run(arguments: list[str]) -> int:
     solved = [result for result in results if result.solved]
     exhausted = sum(result.status == PlanStatus.EXHAUSTED for result in results)
     passed = sum(result.passed for result in solved)
+    deepest = max((result.deepest_penetration for result in solved), default=0.0)
     late = len(results) - len(solved) - exhausted
     print(
         f"solved {len(solved)} ({len(solved) / len(results):.0%}); pass the independent check: {passed}"
     )
+    print(f"deepest penetration in any plan: {1000 * deepest:.2f} mm")
     print(f"unsolved: {exhausted} with the tree exhausted, {late} at the time limit")
 
     for length, of_length in group_by_length(results, options.k_max).items():
