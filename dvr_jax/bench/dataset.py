@@ -39,7 +39,9 @@ def run(arguments: list[str]) -> int:
     """Print the counts beside the paper's."""
     options = tyro.cli(DatasetOptions, prog="python -m dvr_jax.bench dataset", args=arguments)
     labels = count_labels(find_shards(options.data))
-    targets = count_targets(load_examples(options.data, options.completions, options.k_max, options.seed))
+    targets = count_targets(
+        load_examples(options.data, options.completions, options.k_max, options.seed)
+    )
 
     counts = {
         "scenes": labels.scenes,

@@ -45,7 +45,9 @@ def run(arguments: list[str]) -> int:
     """Print the deepest penetration of each plan's drawn links that is deeper than the check allows."""
     options = tyro.cli(DrawnOptions, prog="python -m dvr_jax.bench drawn", args=arguments)
     if options.number < 1 or options.seed < 0:
-        raise DvrError(f"--number is {options.number}, --seed {options.seed}; valid are 1 or more and 0 or more.")
+        raise DvrError(
+            f"--number is {options.number}, --seed {options.seed}; valid are 1 or more and 0 or more."
+        )
 
     # One number a plan: its deepest penetration [m].
     deepest: list[float] = []
@@ -66,7 +68,9 @@ def run(arguments: list[str]) -> int:
     too_deep = sum(depth > DEEPEST_CONTACT for depth in deepest)
     deepest_of_all = 1e3 * max(deepest, default=0.0)
     limit = 1e3 * DEEPEST_CONTACT
-    print(f"of {len(deepest)} plans, {too_deep} have a drawn link deeper than {limit:.0f} mm in something")
+    print(
+        f"of {len(deepest)} plans, {too_deep} have a drawn link deeper than {limit:.0f} mm in something"
+    )
     print(f"deepest {deepest_of_all:.1f} mm")
 
     if options.out is not None:
@@ -103,7 +107,9 @@ def drawn_penetrations(scene: Scene, motion: Motion) -> dict[tuple[str, str], fl
         mujoco.mj_collision(model, data)
 
         for contact in data.contact:
-            first, second = sorted(model.body(model.geom_bodyid[geom]).name for geom in contact.geom)
+            first, second = sorted(
+                model.body(model.geom_bodyid[geom]).name for geom in contact.geom
+            )
             if _may_not_touch((first, second)):
                 depth = -float(contact.dist)
                 depths[first, second] = max(depths.get((first, second), 0.0), depth)

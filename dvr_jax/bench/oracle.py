@@ -46,7 +46,9 @@ SUPPORT_FRACTION = 0.8
 Floats = NDArray[np.float64]
 
 
-def random_keyframes(model: WorkcellModel, problem: Problem, generator: np.random.Generator) -> Variables:
+def random_keyframes(
+    model: WorkcellModel, problem: Problem, generator: np.random.Generator
+) -> Variables:
     """Draw joint angles near home or anywhere within the limits, and mode parameters anywhere within their bounds.
 
     Args:
@@ -62,7 +64,9 @@ def random_keyframes(model: WorkcellModel, problem: Problem, generator: np.rando
 
     # Half of the starts are near home, since most solutions are; the others keep 10 % away from the joint limits.
     near = problem.home + generator.normal(size=(K, len(lower))) * NEAR_HOME
-    anywhere = generator.uniform(0.9 * lower + 0.1 * upper, 0.1 * lower + 0.9 * upper, (K, len(lower)))
+    anywhere = generator.uniform(
+        0.9 * lower + 0.1 * upper, 0.1 * lower + 0.9 * upper, (K, len(lower))
+    )
     q = np.clip(near if generator.random() < 0.5 else anywhere, lower, upper)
 
     m = np.zeros((K, 4))
@@ -86,7 +90,9 @@ def _random_placement(problem: Problem, k: int, generator: np.random.Generator) 
     """Mode parameters of a placement, anywhere on the inner part of its support and at any yaw."""
     half_x, half_y = Table().half_extents
     x, y, yaw, side, front = problem.support[k]
-    spread = generator.uniform(-1, 1, 2) * (min(side, half_x), min(front, half_y)) * SUPPORT_FRACTION
+    spread = (
+        generator.uniform(-1, 1, 2) * (min(side, half_x), min(front, half_y)) * SUPPORT_FRACTION
+    )
     c = math.cos(yaw)
     s = math.sin(yaw)
 
@@ -150,7 +156,9 @@ def oracle_path(
     """
     for number in range(STARTS):
         chosen = keyframes[number % len(keyframes)]
-        start = initial_path(model, problem, Variables(jnp.asarray(chosen.q), jnp.asarray(chosen.m)))
+        start = initial_path(
+            model, problem, Variables(jnp.asarray(chosen.q), jnp.asarray(chosen.m))
+        )
         start = _add_detour(start, DETOUR * (number >= len(keyframes)), generator)
         (path,) = solve(model, [path_problem(problem, start)], [start], ORACLE)
         if path.feasible and accept(path):

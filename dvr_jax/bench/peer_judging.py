@@ -117,7 +117,9 @@ def _passes(scene: Scene, actions: Sequence[Action], problem: Problem, q: Any, m
     return check_motion(scene, actions, motion).passed
 
 
-def _our_keyframes(scene: Scene, actions: Sequence[Action], seed: int) -> tuple[SequenceTree, Node, Row]:
+def _our_keyframes(
+    scene: Scene, actions: Sequence[Action], seed: int
+) -> tuple[SequenceTree, Node, Row]:
     """The sequence bound: a beam for every prefix, and NLPs where no candidate is feasible."""
     # The first time compiles.
     for _ in range(2):
@@ -211,7 +213,9 @@ def compare(peer: PeerScene, actions: Sequence[Action], seed: int) -> Row:
         paths["ours at slices"] = _our_path(scene, node, lambda: _path_at_slices(tree, node))
     if keyframes.feasible:
         paths["robotic"] = _peer_path(peer, actions, problem, keyframes, STEPS_PER_PHASE, seed)
-        paths["robotic finer"] = _peer_path(peer, actions, problem, keyframes, FINER * STEPS_PER_PHASE, seed)
+        paths["robotic finer"] = _peer_path(
+            peer, actions, problem, keyframes, FINER * STEPS_PER_PHASE, seed
+        )
 
     return {
         "keyframes": {"ours": ours, "robotic": theirs},

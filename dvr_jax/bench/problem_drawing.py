@@ -145,7 +145,9 @@ def draw_keyframe_problem(seed: int, index: int, length: int) -> dict[str, objec
             return row
 
 
-def _draw_prefix(scene: Scene, length: int, generator: np.random.Generator) -> dict[str, object] | None:
+def _draw_prefix(
+    scene: Scene, length: int, generator: np.random.Generator
+) -> dict[str, object] | None:
     """Extend a prefix by random feasible actions up to a length; None after `TRIES` actions, or at a dead end."""
     grounding = ground_scene(scene)
     actions: list[Action] = []
@@ -171,7 +173,9 @@ def _draw_prefix(scene: Scene, length: int, generator: np.random.Generator) -> d
     return None
 
 
-def find_sequences(tree: SequenceTree, length: int, number: int, generator: np.random.Generator) -> list[Node]:
+def find_sequences(
+    tree: SequenceTree, length: int, number: int, generator: np.random.Generator
+) -> list[Node]:
     """Find some sequences of a length that reach the goal and whose keyframes the tree finds feasible.
 
     Args:
@@ -186,7 +190,9 @@ def find_sequences(tree: SequenceTree, length: int, number: int, generator: np.r
     nodes = [tree.root]
     for left in range(length - 1, -1, -1):
         expanded = [child for node in nodes for child in tree.expand(node)]
-        children = [child for child in expanded if tree.grounding.reaches_goal_in(child.state, left)]
+        children = [
+            child for child in expanded if tree.grounding.reaches_goal_in(child.state, left)
+        ]
         chosen = [children[i] for i in generator.permutation(len(children))[:WIDTH]]
         run_alone(tree.judge_sequences(chosen))
 
@@ -216,7 +222,10 @@ def draw_path_problem(seed: int, index: int, length: int) -> dict[str, object]:
             keyframes = oracle_keyframes(scene, node.actions, generator, FEASIBLE_KEYFRAMES)
             if keyframes:
                 feasible = oracle_path(
-                    workcell_model(scene.workcell), transcribe(scene, node.actions), keyframes, generator
+                    workcell_model(scene.workcell),
+                    transcribe(scene, node.actions),
+                    keyframes,
+                    generator,
                 )
                 return _row(scene, node.actions, feasible)
 

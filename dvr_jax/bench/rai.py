@@ -86,7 +86,9 @@ def build_keyframes(peer: PeerScene, actions: Sequence[Action]) -> Any:
     return komo
 
 
-def build_path(peer: PeerScene, actions: Sequence[Action], keyframes: PeerSolution, steps: int) -> Any:
+def build_path(
+    peer: PeerScene, actions: Sequence[Action], keyframes: PeerSolution, steps: int
+) -> Any:
     """Build its path problem, started from its keyframes.
 
     Args:
@@ -142,7 +144,9 @@ def _add_constraints(ry: Any, komo: Any, peer: PeerScene, actions: Sequence[Acti
     komo.addQuaternionNorms()
 
 
-def _add_grasp(ry: Any, komo: Any, item: SceneObject, face: str, k: int, gripper: str, body: str) -> None:
+def _add_grasp(
+    ry: Any, komo: Any, item: SceneObject, face: str, k: int, gripper: str, body: str
+) -> None:
     """Keep the gripper's center in the object's middle plane and its closing axis along the face's normal."""
     index = FACES.index(face)
     normal_axis = index % 2

@@ -120,7 +120,9 @@ def build_peer_scene(scene: Scene) -> PeerScene:
     table.setShape(ry.ST.ssBox, [*table_size, TABLE_BODY, TABLE_ROUNDING]).setContact(1)
 
     robot = scene.workcell.robot
-    joints = tuple(_add_arm(ry, config, robot, index, arm) for index, arm in enumerate(scene.workcell.arms))
+    joints = tuple(
+        _add_arm(ry, config, robot, index, arm) for index, arm in enumerate(scene.workcell.arms)
+    )
 
     region = scene.goal.region
     _add_support(ry, config, "support_table", (0.0, 0.0, 0.0), table_size)

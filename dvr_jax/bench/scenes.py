@@ -95,12 +95,18 @@ class ScenesOptions:
         if self.search not in SEARCHES:
             raise DvrError(f"there is no search '{self.search}'; valid: {', '.join(SEARCHES)}.")
         if self.search not in GUIDED and self.network is not None:
-            raise DvrError(f"--search {self.search} takes no --network; valid with one: {', '.join(GUIDED)}.")
+            raise DvrError(
+                f"--search {self.search} takes no --network; valid with one: {', '.join(GUIDED)}."
+            )
 
 
 def _scene(options: ScenesOptions, index: int) -> Scene:
-    distribution = SceneDistribution(shape=options.shape, cube_share=options.cubes, fixed_bodies=options.fixed)
-    return scene_of_seed(options.seed, index, options.objects, distribution, named_workcell(options.workcell))
+    distribution = SceneDistribution(
+        shape=options.shape, cube_share=options.cubes, fixed_bodies=options.fixed
+    )
+    return scene_of_seed(
+        options.seed, index, options.objects, distribution, named_workcell(options.workcell)
+    )
 
 
 @lru_cache(maxsize=1)
@@ -199,7 +205,9 @@ def run(arguments: list[str]) -> int:
     exhausted = sum(result.status == PlanStatus.EXHAUSTED for result in results)
     passed = sum(result.passed for result in solved)
     late = len(results) - len(solved) - exhausted
-    print(f"solved {len(solved)} ({len(solved) / len(results):.0%}); pass the independent check: {passed}")
+    print(
+        f"solved {len(solved)} ({len(solved) / len(results):.0%}); pass the independent check: {passed}"
+    )
     print(f"unsolved: {exhausted} with the tree exhausted, {late} at the time limit")
 
     for length, of_length in group_by_length(results, options.k_max).items():

@@ -85,7 +85,10 @@ def headline(results: CommittedResults) -> str:
     files = _search_files(results)
     groups = groups_of(files["dvr"])
     rows = [
-        ["seconds from image to checked motion (median)", *cells_by_length(groups, median_seconds_cell)],
+        [
+            "seconds from image to checked motion (median)",
+            *cells_by_length(groups, median_seconds_cell),
+        ],
         _paper_row(MEDIAN_SECONDS),
         ["path NLPs solved (median)", *cells_by_length(groups, _median_paths)],
         _paper_row(MEDIAN_PATH_NLPS),
@@ -160,7 +163,9 @@ def search_summary(results: CommittedResults) -> str:
     feasible = count_feasible(list(tables.values()))
 
     options = files["dvr"].options
-    solved_by = [f"{_number_solved(file):,} by {SEARCH_PHRASES[name]}" for name, file in files.items()]
+    solved_by = [
+        f"{_number_solved(file):,} by {SEARCH_PHRASES[name]}" for name, file in files.items()
+    ]
     lines = [
         f"- {len(tables['dvr']):,} scenes of {objects_in_words(options['objects'], options['shape'])} "
         f"(seed {options['seed']}), {options['time_limit']:g} s each. "
@@ -170,7 +175,9 @@ def search_summary(results: CommittedResults) -> str:
     solved_results = [result for result in tables["dvr"].values() if result.solved]
     network = percent(stage_share(solved_results, "network"), 1)
     image = percent(stage_share(solved_results, "image"), 1)
-    lines.append(f"- Of the time in solved scenes, the network takes {network}, the depth image {image}.")
+    lines.append(
+        f"- Of the time in solved scenes, the network takes {network}, the depth image {image}."
+    )
 
     lengths = compare_lengths(tables["dvr"], tables["mbts"])
     lines.append(

@@ -76,13 +76,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     infos = find_shards(options.data)
     labels = count_labels(infos)
     known = count_infeasible_sequences(infos, options.k_max)
-    targets = count_targets(load_examples(options.data, options.completions, options.k_max, options.seed))
+    targets = count_targets(
+        load_examples(options.data, options.completions, options.k_max, options.seed)
+    )
 
     table = [
         _Line("scenes", labels.scenes, "30,000"),
         _Line("scenes with a solution", labels.solved, "25,736"),
         _Line("feasible sequences", labels.feasible, "102,566"),
-        _Line(f"infeasible, {options.completions} for each refuted prefix", targets.infeasible, "2,741,573"),
+        _Line(
+            f"infeasible, {options.completions} for each refuted prefix",
+            targets.infeasible,
+            "2,741,573",
+        ),
         _Line("targets 1", targets.ones, "1,803,684"),
         _Line("targets 0", targets.zeros, "7,926,696"),
         _Line("  of these known", targets.known_zeros),

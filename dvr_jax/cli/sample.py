@@ -51,11 +51,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from dvr_jax.workcell.workcell import named_workcell
 
     workcell = named_workcell(options.workcell)
-    distribution = SceneDistribution(shape=options.shape, cube_share=options.cubes, fixed_bodies=options.fixed)
-    scenes = tuple(sample_scenes(options.number, options.objects, options.seed, distribution, workcell))
+    distribution = SceneDistribution(
+        shape=options.shape, cube_share=options.cubes, fixed_bodies=options.fixed
+    )
+    scenes = tuple(
+        sample_scenes(options.number, options.objects, options.seed, distribution, workcell)
+    )
     save_scenes(options.out, scenes)
 
-    print(f"{len(scenes)} scenes of {options.objects} objects (seed {options.seed}) written to {options.out}")
+    print(
+        f"{len(scenes)} scenes of {options.objects} objects (seed {options.seed}) written to {options.out}"
+    )
     return 0
 
 

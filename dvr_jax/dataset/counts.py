@@ -77,7 +77,9 @@ def count_infeasible_sequences(infos: Iterable[ShardInfo], k_max: int) -> int:
         The number of sequences.
     """
     return sum(
-        _infeasible_sequences(labeled, k_max) for info in infos for labeled in labeled_scenes(info, read_columns(info))
+        _infeasible_sequences(labeled, k_max)
+        for info in infos
+        for labeled in labeled_scenes(info, read_columns(info))
     )
 
 

@@ -134,7 +134,9 @@ def load_examples(
         DvrError: there is no shard, a shard is broken, or an option is not valid.
     """
     if completions < 0 or k_max < 1:
-        raise DvrError(f"completions is {completions} and k_max {k_max}; valid are at least 0 and at least 1.")
+        raise DvrError(
+            f"completions is {completions} and k_max {k_max}; valid are at least 0 and at least 1."
+        )
     options = _ExampleOptions(completions, k_max, seed, solved_only)
 
     # Shard by shard: as lists, all sequences of a large data set take ten times the memory of their arrays.
@@ -185,7 +187,9 @@ def _examples_of_shard(info: ShardInfo, options: _ExampleOptions) -> Examples:
 def _collect(lists: _ExampleLists, labeled: LabeledScene, options: _ExampleOptions) -> None:
     """Append the examples of one scene."""
     feasible_by_sequence = {
-        sequence: feasible for sequence, feasible in labeled.judged.items() if len(sequence) <= options.k_max
+        sequence: feasible
+        for sequence, feasible in labeled.judged.items()
+        if len(sequence) <= options.k_max
     }
     known = _known_prefixes(labeled, feasible_by_sequence)
 

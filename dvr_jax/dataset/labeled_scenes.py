@@ -100,7 +100,9 @@ def _sequences(
     numbers = [number_of_name[code] for code in codes]
     if _UNKNOWN in numbers:
         name = columns.names[codes[numbers.index(_UNKNOWN)]]
-        raise DvrError(f"{source} has a label with the action {name!r}, which its scene does not have.")
+        raise DvrError(
+            f"{source} has a label with the action {name!r}, which its scene does not have."
+        )
 
     first = ends[0]
     return [tuple(numbers[start - first : end - first]) for start, end in pairwise(ends)]

@@ -83,7 +83,9 @@ class SequenceIndex:
         state = self.grounding.initial_state
         for done, index in enumerate(sequence):
             if self.grounding.is_goal(state):
-                raise LogicError(f"the goal holds after {done} of {len(sequence)} actions; it must end there.")
+                raise LogicError(
+                    f"the goal holds after {done} of {len(sequence)} actions; it must end there."
+                )
             state = self.grounding.successor(state, index)
         return state
 

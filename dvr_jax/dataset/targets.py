@@ -35,7 +35,9 @@ def targets(
         DvrError: the numbers of sequences and verdicts differ.
     """
     if len(sequences) != len(feasible):
-        raise DvrError(f"there are {len(sequences)} sequences and {len(feasible)} verdicts; valid is one for each.")
+        raise DvrError(
+            f"there are {len(sequences)} sequences and {len(feasible)} verdicts; valid is one for each."
+        )
 
     promising: set[ActionNumbers] = set()
     for sequence, verdict in zip(sequences, feasible, strict=True):

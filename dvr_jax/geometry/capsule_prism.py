@@ -122,7 +122,9 @@ def capsule_prism(
     return distance - radius, axis_point_wrench(a0, a1, t, R, gradient)
 
 
-def axis_point_wrench(a0: Vector, a1: Vector, t: Scalar, R: Rotation, gradient: Components) -> SpatialVector:
+def axis_point_wrench(
+    a0: Vector, a1: Vector, t: Scalar, R: Rotation, gradient: Components
+) -> SpatialVector:
     """Wrench of the distance between a prism and a fixed point of a capsule's axis.
 
     Args:
@@ -190,7 +192,9 @@ def _cut_at(bracket: _Bracket, line: Line, positions: Float[Array, "cuts *#batch
     # All slopes are computed in one kernel: a loop over the positions takes twice as long.
     positions = materialize(positions)
     slopes = materialize(
-        slope_along(start[:, None] + positions * direction[:, None], direction[:, None], line.prism[:, None])
+        slope_along(
+            start[:, None] + positions * direction[:, None], direction[:, None], line.prism[:, None]
+        )
     )
     for t, slope in zip(positions, slopes, strict=True):
         bracket = bracket.cut(t, slope)
@@ -200,7 +204,9 @@ def _cut_at(bracket: _Bracket, line: Line, positions: Float[Array, "cuts *#batch
 def _section_ends(bracket: _Bracket) -> Float[Array, "cuts *#batch"]:
     """Positions that cut a bracket into `SECTIONS` equal parts."""
     fractions = [i / SECTIONS for i in range(1, SECTIONS)]
-    return jnp.stack([bracket.low + fraction * (bracket.high - bracket.low) for fraction in fractions])
+    return jnp.stack(
+        [bracket.low + fraction * (bracket.high - bracket.low) for fraction in fractions]
+    )
 
 
 def _false_position(bracket: _Bracket, line: Line, steps: int) -> _Bracket:
@@ -221,13 +227,19 @@ def _false_position(bracket: _Bracket, line: Line, steps: int) -> _Bracket:
         gap = bracket.slope_at_high - bracket.slope_at_low
         offset = -bracket.slope_at_low * (bracket.high - bracket.low) / jnp.where(gap > 0, gap, 1)
         t = materialize(jnp.minimum(bracket.low + offset, bracket.high))
-        slope = materialize(slope_along(line.start + t * line.direction, line.direction, line.prism))
+        slope = materialize(
+            slope_along(line.start + t * line.direction, line.direction, line.prism)
+        )
 
         bracket = bracket.cut(t, slope)
         low_moved = slope <= 0
         bracket = bracket._replace(
-            slope_at_low=jnp.where(~low_moved & state.high_moved, 0.5 * bracket.slope_at_low, bracket.slope_at_low),
-            slope_at_high=jnp.where(low_moved & state.low_moved, 0.5 * bracket.slope_at_high, bracket.slope_at_high),
+            slope_at_low=jnp.where(
+                ~low_moved & state.high_moved, 0.5 * bracket.slope_at_low, bracket.slope_at_low
+            ),
+            slope_at_high=jnp.where(
+                low_moved & state.low_moved, 0.5 * bracket.slope_at_high, bracket.slope_at_high
+            ),
         )
         return materialize(_FalsePosition(bracket, low_moved, ~low_moved))
 

@@ -117,12 +117,16 @@ def _nearest_points(a0: Vector, a1: Vector, b0: Vector, b1: Vector) -> _NearestP
     da = a1 - a0
     db = b1 - b0
     r = a0 - b0
-    aa, bb, ab, ar, br = materialize((dot(da, da), dot(db, db), dot(da, db), dot(da, r), dot(db, r)))
+    aa, bb, ab, ar, br = materialize(
+        (dot(da, da), dot(db, db), dot(da, db), dot(da, r), dot(db, r))
+    )
 
     # Parallel lines are equally near everywhere: start in the middle.
     denominator = aa * bb - ab * ab
     parallel = denominator <= PARALLEL * aa * bb
-    s = jnp.clip(jnp.where(parallel, 0.5, (ab * br - ar * bb) / jnp.where(parallel, 1, denominator)), 0, 1)
+    s = jnp.clip(
+        jnp.where(parallel, 0.5, (ab * br - ar * bb) / jnp.where(parallel, 1, denominator)), 0, 1
+    )
 
     t = jnp.clip((ab * s + br) / bb, 0, 1)
     s = materialize(jnp.clip((ab * t - ar) / aa, 0, 1))

@@ -43,8 +43,12 @@ def slope_along(point: Vector, direction: Vector, prism: Prism) -> Scalar:
 
     Inside, it is only a number that has the sign of the distance's slope.
     """
-    excess_x, excess_y, vertical = (jnp.abs(x) - half for x, half in zip(point, prism[:3], strict=True))
-    slope_x, slope_y, slope_z = (jnp.sign(x) * along for x, along in zip(point, direction, strict=True))
+    excess_x, excess_y, vertical = (
+        jnp.abs(x) - half for x, half in zip(point, prism[:3], strict=True)
+    )
+    slope_x, slope_y, slope_z = (
+        jnp.sign(x) * along for x, along in zip(point, direction, strict=True)
+    )
 
     beyond_x = jnp.maximum(excess_x, 0)
     beyond_y = jnp.maximum(excess_y, 0)
@@ -75,7 +79,9 @@ def kinks(line: Line) -> Float[Array, "6 *#batch"]:
     # The crossings with a round side solve the quadratic equation (x + t dx)^2 + (y + t dy)^2 = r^2.
     square = direction[0] * direction[0] + direction[1] * direction[1]
     nearest = _quotient(-(start[0] * direction[0] + start[1] * direction[1]), square)
-    chord = nearest * nearest - _quotient(start[0] * start[0] + start[1] * start[1] - prism[3] * prism[3], square)
+    chord = nearest * nearest - _quotient(
+        start[0] * start[0] + start[1] * start[1] - prism[3] * prism[3], square
+    )
     chord = jnp.sqrt(jnp.maximum(chord, 0))
     of_cylinder = (nearest - chord, nearest, nearest + chord, nearest)
 

@@ -132,7 +132,9 @@ def prism_prism(
     center = p_a - p_b
     axis = _largest_gap(pair, center)
 
-    state = _Refinement(center, axis.separation, axis.normal, jnp.zeros(axis.separation.shape, bool))
+    state = _Refinement(
+        center, axis.separation, axis.normal, jnp.zeros(axis.separation.shape, bool)
+    )
     for _ in range(refinements):
         state = _refine(pair, center, state)
 
@@ -174,7 +176,9 @@ def _largest_gap(pair: _Pair, center: Vector) -> _SeparatingAxis:
     return _SeparatingAxis(number, separation, normal)
 
 
-def _gaps(pair: _Pair, center: Vector, n: Float[Array, "3 axes *#batch"]) -> Float[Array, "axes *#batch"]:
+def _gaps(
+    pair: _Pair, center: Vector, n: Float[Array, "3 axes *#batch"]
+) -> Float[Array, "axes *#batch"]:
     """Gap between two prisms along each of several unit vectors from B to A [m]."""
     support_a = prism_support(pair.R_a[:, :, None], pair.prism_a[:, None], -n)
     support_b = prism_support(pair.R_b[:, :, None], pair.prism_b[:, None], n)
@@ -195,7 +199,11 @@ def _refine(pair: _Pair, center: Vector, state: _Refinement) -> _Refinement:
     """
     v = state.nearest
     direction = materialize(normalize(v))
-    w = center + prism_support(pair.R_a, pair.prism_a, -direction) - prism_support(pair.R_b, pair.prism_b, direction)
+    w = (
+        center
+        + prism_support(pair.R_a, pair.prism_a, -direction)
+        - prism_support(pair.R_b, pair.prism_b, direction)
+    )
     w = materialize(w)
     gap = dot(direction, w)
 
@@ -232,9 +240,15 @@ def _contact_point(pair: _Pair, number: Int[Array, "*#batch"], state: _Refinemen
 
     offset = support_b - support_a
     cosine = dot(da, db)
-    along = (dot(offset, da) - cosine * dot(offset, db)) / jnp.maximum(1 - cosine * cosine, SMALLEST_SQUARED_SINE)
+    along = (dot(offset, da) - cosine * dot(offset, db)) / jnp.maximum(
+        1 - cosine * cosine, SMALLEST_SQUARED_SINE
+    )
 
-    is_edge = (number >= FIRST_EDGE_PRODUCT) & (number < FIRST_EDGE_PRODUCT + EDGE_PRODUCTS) & ~state.refined
+    is_edge = (
+        (number >= FIRST_EDGE_PRODUCT)
+        & (number < FIRST_EDGE_PRODUCT + EDGE_PRODUCTS)
+        & ~state.refined
+    )
     is_face_of_b = (number >= FIRST_FACE_OF_B) & (number < FIRST_EDGE_PRODUCT) & ~state.refined
     return jnp.where(is_edge, support_a + along * da, jnp.where(is_face_of_b, support_a, support_b))
 

@@ -30,7 +30,9 @@ def contact_wrench(point: Vector, normal: Vector) -> SpatialVector:
     Returns:
         The moment about the world's origin [m], then the normal.
     """
-    return jnp.concatenate([cross(point, normal), jnp.broadcast_to(normal, (3, *jnp.shape(point)[1:]))])
+    return jnp.concatenate(
+        [cross(point, normal), jnp.broadcast_to(normal, (3, *jnp.shape(point)[1:]))]
+    )
 
 
 def upward_wrench(point: Vector) -> SpatialVector:

@@ -144,7 +144,9 @@ class CheckpointFolder:
         """Return the step of the latest checkpoint, and refuse a folder without any."""
         step = self.latest()
         if step is None:
-            raise DvrError(f"{self.folder}: there is no checkpoint; valid is a folder that training has written.")
+            raise DvrError(
+                f"{self.folder}: there is no checkpoint; valid is a folder that training has written."
+            )
         return step
 
     def _restore(self, step: int, parts: dict[str, Any]) -> Any:
@@ -153,7 +155,9 @@ class CheckpointFolder:
             return self._manager.restore(step, args=ocp.args.Composite(**parts))
         except (ValueError, TypeError, KeyError, FileNotFoundError) as error:
             reason = str(error).partition("\n")[0]
-            raise DvrError(f"{self._name(step)}: the checkpoint cannot be read ({reason}).") from None
+            raise DvrError(
+                f"{self._name(step)}: the checkpoint cannot be read ({reason})."
+            ) from None
 
     def _name(self, step: int) -> str:
         """Return the name of a checkpoint in messages."""

@@ -62,7 +62,9 @@ def load_parameters(path: Path) -> tuple[NetworkParameters, NetworkMetadata]:
             arrays = {name: file[name] for name in file.files}
         record = json.loads(str(arrays.pop(METADATA_ENTRY)))
     except (ValueError, KeyError, EOFError, AttributeError, TypeError, zipfile.BadZipFile):
-        raise DvrError(f"{path}: this is no exported network; valid is a file that training has written.") from None
+        raise DvrError(
+            f"{path}: this is no exported network; valid is a file that training has written."
+        ) from None
 
     metadata = NetworkMetadata.from_json(record, str(path))
     tree = traverse_util.unflatten_dict(arrays, sep="/")  # type: ignore[no-untyped-call]

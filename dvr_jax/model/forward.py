@@ -18,7 +18,13 @@ from flax import linen as nn
 from jax import Array
 from jaxtyping import Bool, Float, Int, UInt8
 
-from dvr_jax.model.convolution import convolve, space_to_depth, stride_one_kernel, stride_two_kernel, take_images
+from dvr_jax.model.convolution import (
+    convolve,
+    space_to_depth,
+    stride_one_kernel,
+    stride_two_kernel,
+    take_images,
+)
 from dvr_jax.model.images import CHANNELS, MASKS_PER_IMAGE, view_channels
 from dvr_jax.model.network import INPUT_LAYERS, STATE_LAYERS, Network, NetworkParameters
 from dvr_jax.model.network_config import STRIDES

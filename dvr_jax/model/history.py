@@ -94,7 +94,9 @@ def read_history(path: Path) -> list[Record]:
             record = None
 
         if not _is_record(record):
-            raise DvrError(f"{path}, line {number}: this is no record of a training; remove the file.")
+            raise DvrError(
+                f"{path}, line {number}: this is no record of a training; remove the file."
+            )
         records.append(record)
     return records
 

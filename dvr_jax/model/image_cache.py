@@ -11,7 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from dvr_jax.model.images import LARGEST_HEIGHT, UNIT_HEIGHT, WHOLE_PIXEL, ImageStack, scene_images, stack_images
+from dvr_jax.model.images import (
+    LARGEST_HEIGHT,
+    UNIT_HEIGHT,
+    WHOLE_PIXEL,
+    ImageStack,
+    scene_images,
+    stack_images,
+)
 from dvr_jax.runtime.files import write_whole
 from dvr_jax.scene.pinhole import SCENE_CAMERA
 from dvr_jax.scene.types import Scene

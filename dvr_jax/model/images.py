@@ -126,9 +126,13 @@ def _check_shapes(scene: Scene, image: DepthImage, size: int) -> None:
         (pixels, pixels),
     )
     if shapes != valid:
-        raise DvrError(f"depth, objects' masks and goal's mask have the shapes {shapes}; valid are {valid}.")
+        raise DvrError(
+            f"depth, objects' masks and goal's mask have the shapes {shapes}; valid are {valid}."
+        )
     if pixels == 0 or pixels % size:
-        raise DvrError(f"the images have {pixels} x {pixels} pixels; valid is a multiple of the network's {size}.")
+        raise DvrError(
+            f"the images have {pixels} x {pixels} pixels; valid is a multiple of the network's {size}."
+        )
 
 
 def _block_means(

@@ -99,7 +99,9 @@ def prepare_training_data(
         held_out = _weigh_unknown_targets(held_out, options.unknown)
         held_out_table = _check_and_render_held_out(options, examples, held_out, say)
         everything = np.arange(len(held_out.scene))
-        validation = _validation(options, held_out, held_out_table, everything, positive_weight, oracle)
+        validation = _validation(
+            options, held_out, held_out_table, everything, positive_weight, oracle
+        )
     elif len(aside):
         validation = _validation(options, examples, table, aside, positive_weight, oracle)
 
@@ -139,7 +141,9 @@ def check_examples(examples: Examples, source: str) -> None:
     for name, valid in valid_shapes.items():
         shape = getattr(examples, name).shape
         if shape != valid:
-            raise DvrError(f"{source}: {name} has shape {shape}; the {number} scene indices ask for {valid}.")
+            raise DvrError(
+                f"{source}: {name} has shape {shape}; the {number} scene indices ask for {valid}."
+            )
 
     _check_range("scene", examples.scene, 0, len(examples.scenes) - 1, source)
     _check_range("length", examples.length, 1, longest, source)
@@ -155,7 +159,9 @@ def _check_range(
 ) -> None:
     """Refuse values outside of a range."""
     if values.min() < low or values.max() > high:
-        raise DvrError(f"{source}: {name} goes from {values.min()} to {values.max()}; valid is {low} to {high}.")
+        raise DvrError(
+            f"{source}: {name} goes from {values.min()} to {values.max()}; valid is {low} to {high}."
+        )
 
 
 def _check_actions(examples: Examples, source: str) -> None:
@@ -204,7 +210,9 @@ def _split(
     """Return the sequences that are trained on and those whose scenes are held out."""
     is_held_out = held_out_scenes(examples.scenes, fraction)[examples.scene]
     if is_held_out.all():
-        raise DvrError(f"all {len(examples.scenes)} scenes are held out; give more scenes or a smaller --held-out.")
+        raise DvrError(
+            f"all {len(examples.scenes)} scenes are held out; give more scenes or a smaller --held-out."
+        )
     return np.flatnonzero(~is_held_out), np.flatnonzero(is_held_out)
 
 

@@ -134,7 +134,9 @@ def _initial_state(
         return state
 
     if latest > options.steps:
-        raise DvrError(f"--steps is {options.steps}; the run in {options.out} is already at step {latest}.")
+        raise DvrError(
+            f"--steps is {options.steps}; the run in {options.out} is already at step {latest}."
+        )
     state = checkpoints.restore(state, _metadata(options, data, config, latest))
     say(f"continues at step {state.step}")
     return state

@@ -169,7 +169,8 @@ class Validation:
                 self.oracle_verdicts.update(zip(unknown, verdicts, strict=True))
 
         return [
-            feasible or self.oracle_verdicts.get(task, False) for task, feasible in zip(tasks, by_labels, strict=True)
+            feasible or self.oracle_verdicts.get(task, False)
+            for task, feasible in zip(tasks, by_labels, strict=True)
         ]
 
     def _with_actions(self, task: SceneSequence) -> tuple[Scene, tuple[Action, ...]]:

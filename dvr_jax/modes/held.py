@@ -26,7 +26,16 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation as HostRotation
 
 from dvr_jax.geometry.arrays import Array
-from dvr_jax.geometry.vectors import Rotation, Vector, compose, cross, materialize, rotate, transpose, vector
+from dvr_jax.geometry.vectors import (
+    Rotation,
+    Vector,
+    compose,
+    cross,
+    materialize,
+    rotate,
+    transpose,
+    vector,
+)
 from dvr_jax.modes.mode import PARAMETERS, Attachment, HandPoses
 
 
@@ -106,7 +115,9 @@ def poses(attached: Attachment, hands: HandPoses) -> HeldPoses:
     return HeldPoses(R, p, hand_p, frame)
 
 
-def twists(held: HeldPoses, position: Vector) -> tuple[Float[Array, "3 4 *#batch"], Float[Array, "3 4 *#batch"]]:
+def twists(
+    held: HeldPoses, position: Vector
+) -> tuple[Float[Array, "3 4 *#batch"], Float[Array, "3 4 *#batch"]]:
     """World twist of held objects at unit rate of each mode parameter, while the hand stands still.
 
     The object moves against the motion that the hand would have in the object's frame. With the closing axis n and the
@@ -129,7 +140,10 @@ def twists(held: HeldPoses, position: Vector) -> tuple[Float[Array, "3 4 *#batch
     frame = held.frame
     axes = held.rotation
     normal, tangent = materialize(
-        (frame.cosine * axes[0] + frame.sine * axes[1], frame.cosine * axes[1] - frame.sine * axes[0])
+        (
+            frame.cosine * axes[0] + frame.sine * axes[1],
+            frame.cosine * axes[1] - frame.sine * axes[0],
+        )
     )
     z = axes[2]
     pitch_spin, yaw_spin = materialize((cross(normal, held.hand_position), cross(z, position)))

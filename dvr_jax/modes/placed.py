@@ -49,7 +49,9 @@ def twists(position: Vector) -> tuple[Float[Array, "3 4 *#batch"], Float[Array, 
     return column(up, 2), column(x, 0) + column(y, 1) + column(spin, 2)
 
 
-def pose_on_host(m: Float[np.ndarray, " 4"], half_height: float) -> tuple[Rotation, Float[np.ndarray, " 3"]]:
+def pose_on_host(
+    m: Float[np.ndarray, " 4"], half_height: float
+) -> tuple[Rotation, Float[np.ndarray, " 3"]]:
     """Pose of one placed object with NumPy.
 
     Args:

@@ -83,7 +83,9 @@ def horizon_of(model: WorkcellModel, problems: Problem, x: Variables) -> Horizon
     )
 
 
-def evaluate_constraints(model: WorkcellModel, problems: Problem, x: Variables, geometry: SliceGeometry) -> Evaluations:
+def evaluate_constraints(
+    model: WorkcellModel, problems: Problem, x: Variables, geometry: SliceGeometry
+) -> Evaluations:
     """Evaluate all blocks of a batch of B problems.
 
     Args:
@@ -152,7 +154,10 @@ def unflatten(flat: FlatResiduals, horizon: Horizon) -> dict[str, Array]:
         horizon: Sizes of the NLP.
     """
     rows: dict[str, Array] = {COLLISION.name: flat.collision}
-    for kind, values in ((ConstraintKind.EQUALITY, flat.equality), (ConstraintKind.INEQUALITY, flat.inequality)):
+    for kind, values in (
+        (ConstraintKind.EQUALITY, flat.equality),
+        (ConstraintKind.INEQUALITY, flat.inequality),
+    ):
         blocks = [block for block in _flat_blocks() if block.kind is kind]
         rows.update(_cut(values, blocks, horizon))
     return rows
@@ -167,14 +172,19 @@ def _cut(values: Array, blocks: Sequence[ConstraintBlock], horizon: Horizon) -> 
     shapes = [block.shape(horizon) for block in blocks]
     ends = np.cumsum([math.prod(shape) for shape in shapes])[:-1]
     pieces = jnp.split(values, ends)
-    return {block.name: piece.reshape(shape) for block, piece, shape in zip(blocks, pieces, shapes, strict=True)}
+    return {
+        block.name: piece.reshape(shape)
+        for block, piece, shape in zip(blocks, pieces, shapes, strict=True)
+    }
 
 
 def number_of_flat_rows(horizon: Horizon) -> FlatResiduals:
     """Shapes of the three arrays of one NLP."""
 
     def count(kind: ConstraintKind) -> int:
-        return sum(math.prod(block.shape(horizon)) for block in _flat_blocks() if block.kind is kind)
+        return sum(
+            math.prod(block.shape(horizon)) for block in _flat_blocks() if block.kind is kind
+        )
 
     return FlatResiduals(
         COLLISION.shape(horizon),
@@ -193,7 +203,10 @@ def row_scales(horizon: Horizon, dtype: jnp.dtype) -> FlatResiduals:
 
     def of_kind(kind: ConstraintKind) -> Array:
         blocks = [block for block in _flat_blocks() if block.kind is kind]
-        scales = [np.broadcast_to(block.scale(horizon), block.shape(horizon)).reshape(-1) for block in blocks]
+        scales = [
+            np.broadcast_to(block.scale(horizon), block.shape(horizon)).reshape(-1)
+            for block in blocks
+        ]
         return jnp.asarray(np.concatenate(scales), dtype)
 
     return FlatResiduals(

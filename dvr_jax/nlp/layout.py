@@ -52,7 +52,9 @@ def lay_out(problems: Problem, x: Variables) -> Slices:
     )
 
 
-def sample_path(problems: Problem, q: Float[Array, "batch slices joints"]) -> Float[Array, "batch samples joints"]:
+def sample_path(
+    problems: Problem, q: Float[Array, "batch slices joints"]
+) -> Float[Array, "batch samples joints"]:
     """Joint angles at the samples of all slices [rad].
 
     A sample at the fraction s of the interval between two slices is ``(1 - s) q_before + s q + offset``.
@@ -89,8 +91,12 @@ def attachments(
 
     def of_action(value: Array) -> Array:
         """(..., B, K) to (..., B, J, N')."""
-        index = jnp.broadcast_to(action.reshape(action.shape[0], -1), (*value.shape[:-1], action[0].size))
-        return jnp.take_along_axis(value, index, axis=-1).reshape(*value.shape[:-1], *action.shape[1:])
+        index = jnp.broadcast_to(
+            action.reshape(action.shape[0], -1), (*value.shape[:-1], action[0].size)
+        )
+        return jnp.take_along_axis(value, index, axis=-1).reshape(
+            *value.shape[:-1], *action.shape[1:]
+        )
 
     def of_object(value: Array) -> Array:
         """(..., B, N) to (..., B, J, N')."""
@@ -132,7 +138,9 @@ def _finger_openings(problems: Problem, samples: int, M: int) -> Float[Array, "a
     after = problems.finger_opening[:, 1:]
     steps = samples // K
     is_switch = jnp.arange(samples).reshape(K, steps) % steps >= steps - M
-    opening = jnp.where(is_switch[None, :, :, None], jnp.maximum(before, after)[:, :, None], before[:, :, None])
+    opening = jnp.where(
+        is_switch[None, :, :, None], jnp.maximum(before, after)[:, :, None], before[:, :, None]
+    )
     return opening.reshape(B * samples, arms).T
 
 

@@ -12,7 +12,14 @@ from dvr_jax.geometry.vectors import compose, materialize, rotation_about_z, vec
 from dvr_jax.logic import Action, shipped_action
 from dvr_jax.modes.held import GraspFrame, grasp_frame
 from dvr_jax.modes.mode import ModeKind
-from dvr_jax.operators.operator import FREE, ModeSwitch, ObjectMode, Operator, Parameter, SkeletonState
+from dvr_jax.operators.operator import (
+    FREE,
+    ModeSwitch,
+    ObjectMode,
+    Operator,
+    Parameter,
+    SkeletonState,
+)
 from dvr_jax.operators.proposal import (
     BeamStep,
     ObjectBefore,

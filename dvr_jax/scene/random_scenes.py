@@ -38,9 +38,13 @@ def sample_scenes(
     for name, value in (("number", number), ("objects", objects), ("seed", seed)):
         _require_whole_number(name, value)
     if not isinstance(distribution, SceneDistribution):
-        raise OptionError(f"distribution is of the type {type(distribution).__name__}; valid is a SceneDistribution.")
+        raise OptionError(
+            f"distribution is of the type {type(distribution).__name__}; valid is a SceneDistribution."
+        )
     if not isinstance(workcell, Workcell):
-        raise OptionError(f"workcell is of the type {type(workcell).__name__}; valid is a Workcell.")
+        raise OptionError(
+            f"workcell is of the type {type(workcell).__name__}; valid is a Workcell."
+        )
 
     return sampling.sample_scenes(number, objects, seed, distribution, workcell)
 

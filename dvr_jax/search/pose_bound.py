@@ -70,6 +70,11 @@ class PoseBound:
             judged = self._chains[chain][ignored]
             if not judged.feasible:
                 node.refute("pose", judged.violation)
+            elif not ignored:
+                # Nothing is left out of the world: these are the keyframes that the sequence bound asks for.
+                node.feasible = True
+                node.problem = judged.problem
+                node.beam = judged.beam
         return [node.feasible is not False for node in nodes]
 
     def check_cached(self, node: Node) -> bool:
@@ -125,17 +130,23 @@ class PoseBound:
                 fresh.append((node, ignored))
         return fresh
 
-    def _pass_switches(self, nodes: list[tuple[Node, Ignored]]) -> Steps[list[tuple[Node, Ignored]]]:
+    def _pass_switches(
+        self, nodes: list[tuple[Node, Ignored]]
+    ) -> Steps[list[tuple[Node, Ignored]]]:
         """Those chains that are not refuted by their last switch alone."""
         fresh = self._fresh_switches(nodes)
         for seed in range(self._seed, self._seed + SWITCH_SAMPLES):
             refuted = [
-                (switch, tuple(sorted(ignored))) for (_, ignored), switch in fresh.items() if not switch.feasible
+                (switch, tuple(sorted(ignored)))
+                for (_, ignored), switch in fresh.items()
+                if not switch.feasible
             ]
             for switch, left_out in refuted:
                 self._solver.isolate_switch(switch, self._root, left_out, seed)
             switches = [switch for switch, _ in refuted]
-            unproved = yield from self._solver.sample(switches, [left_out for _, left_out in refuted], seed)
+            unproved = yield from self._solver.sample(
+                switches, [left_out for _, left_out in refuted], seed
+            )
             yield from self._solver.solve(unproved, "pose")
         self._count(list(fresh.values()))
 
@@ -155,7 +166,10 @@ class PoseBound:
         for node, ignored in nodes:
             pair = node.actions[-2:]
             # A chain of two is as cheap as its last switch, and where it is feasible, so is the switch.
-            if node.depth < 3 or operator_of(pair[0], self._solver.operators).mode_after != ModeKind.HELD:
+            if (
+                node.depth < 3
+                or operator_of(pair[0], self._solver.operators).mode_after != ModeKind.HELD
+            ):
                 continue
             known = self._switches.setdefault(pair, {})
             if ignored in known or self._is_proved(pair, ignored):
@@ -179,7 +193,10 @@ class PoseBound:
 
     def _is_proved(self, chain: Actions, ignored: Ignored) -> bool:
         """Whether a chain is known to be feasible with these objects left out, or fewer."""
-        return any(others <= ignored and other.feasible for others, other in self._chains.get(chain, {}).items())
+        return any(
+            others <= ignored and other.feasible
+            for others, other in self._chains.get(chain, {}).items()
+        )
 
     def _inherit(self, node: Node, known: dict[Ignored, Node], ignored: Ignored) -> bool:
         """Whether the same is known to be feasible with fewer objects left out; the node then takes that over."""

@@ -107,7 +107,9 @@ class _ByDepth(_ByProbability):
         return heapq.heappop(self._ready)[3]
 
 
-def visual_reasoning(session: SearchSession, network: SequencePredictor[Images, Encoding]) -> Steps[Outcome]:
+def visual_reasoning(
+    session: SearchSession, network: SequencePredictor[Images, Encoding]
+) -> Steps[Outcome]:
     """Search by Algorithm 1: the network predicts whether an action leads to the goal.
 
     Args:
@@ -117,7 +119,9 @@ def visual_reasoning(session: SearchSession, network: SequencePredictor[Images, 
     return (yield from _guided(session, network, _ByProbability()))
 
 
-def feasibility_classifier(session: SearchSession, network: SequencePredictor[Images, Encoding]) -> Steps[Outcome]:
+def feasibility_classifier(
+    session: SearchSession, network: SequencePredictor[Images, Encoding]
+) -> Steps[Outcome]:
     """Search breadth-first among what the network predicts to be feasible, whatever the goal.
 
     Args:

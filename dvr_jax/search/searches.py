@@ -54,7 +54,9 @@ def multi_bound(session: SearchSession) -> Steps[Outcome]:
     return (yield from _by_levels(session, session.judge_leaves, judge))
 
 
-def _by_levels(session: SearchSession, judge_leaves: Judge, judge_prefixes: Judge) -> Steps[Outcome]:
+def _by_levels(
+    session: SearchSession, judge_leaves: Judge, judge_prefixes: Judge
+) -> Steps[Outcome]:
     """Search level by level.
 
     Args:
@@ -65,7 +67,9 @@ def _by_levels(session: SearchSession, judge_leaves: Judge, judge_prefixes: Judg
     tree = session.tree
     level = [tree.root]
     for depth in range(1, tree.k_max + 1):
-        children = [child for node in level if node.feasible is not False for child in tree.expand(node)]
+        children = [
+            child for node in level if node.feasible is not False for child in tree.expand(node)
+        ]
         leaves = [node for node in children if node.reaches_goal]
         session.progress(f"length {depth}: {len(children)} prefixes, {len(leaves)} reach the goal")
 
@@ -85,14 +89,19 @@ def _batches(nodes: list[Node]) -> list[list[Node]]:
     return [nodes[first : first + LEAVES] for first in range(0, len(nodes), LEAVES)]
 
 
-BLIND: dict[str, Callable[[SearchSession], Steps[Outcome]]] = {"mbts": multi_bound, "bfs": breadth_first}
+BLIND: dict[str, Callable[[SearchSession], Steps[Outcome]]] = {
+    "mbts": multi_bound,
+    "bfs": breadth_first,
+}
 """Searches that need no network, by the name that the command line gives them."""
 
 
 class GuidedSearch(Protocol):
     """A search that takes any network."""
 
-    def __call__(self, session: SearchSession, network: SequencePredictor[Images, Encoding]) -> Steps[Outcome]:
+    def __call__(
+        self, session: SearchSession, network: SequencePredictor[Images, Encoding]
+    ) -> Steps[Outcome]:
         """Search with the network's predictions."""
         ...
 
@@ -148,5 +157,7 @@ def steps_of(
     if name not in GUIDED:
         raise DvrError(f"there is no search '{name}'; valid: {', '.join(SEARCHES)}.")
     if network is None:
-        raise DvrError(f"the search '{name}' needs a network; valid without one: {', '.join(BLIND)}.")
+        raise DvrError(
+            f"the search '{name}' needs a network; valid without one: {', '.join(BLIND)}."
+        )
     return GUIDED[name](session, network)

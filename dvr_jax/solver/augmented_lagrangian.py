@@ -231,7 +231,9 @@ def update_multipliers(
         equalities: Which kinds are equalities.
     """
     updated = [y + p * value for y, value, p in zip(multipliers, rows, penalties, strict=True)]
-    return tuple(new if is_h else jnp.maximum(new, 0) for new, is_h in zip(updated, equalities, strict=True))
+    return tuple(
+        new if is_h else jnp.maximum(new, 0) for new, is_h in zip(updated, equalities, strict=True)
+    )
 
 
 def lagrangian_rows(
@@ -277,6 +279,13 @@ def _sum(value: Array) -> Array:
     return value
 
 
+def _next_penalty(settings: Settings, state: SolverState, relative_violation: Array) -> Array:
+    """Penalty after a subproblem: it grows where the violation has not decreased by enough."""
+    is_slow = relative_violation > settings.sufficient_decrease * state.updated_violation
+    grown = jnp.minimum(state.penalty * settings.penalty_growth, settings.penalty_limit)
+    return jnp.where(is_slow, grown, state.penalty)
+
+
 def judge_trial(
     settings: Settings,
     state: SolverState,
@@ -316,10 +325,10 @@ def judge_trial(
 
     # The multiplier update takes the rows at hand: x has just become the trial point.
     updated = update_multipliers(state.multipliers, rows, penalties, equalities)
-    multipliers = tuple(jnp.where(ended, new, old) for new, old in zip(updated, state.multipliers, strict=True))
-    is_slow = relative_violation > settings.sufficient_decrease * state.updated_violation
-    grown = jnp.minimum(state.penalty * settings.penalty_growth, settings.penalty_limit)
-    penalty = jnp.where(ended & is_slow, grown, state.penalty)
+    multipliers = tuple(
+        jnp.where(ended, new, old) for new, old in zip(updated, state.multipliers, strict=True)
+    )
+    penalty = jnp.where(ended, _next_penalty(settings, state, relative_violation), state.penalty)
     progressed = relative_violation < 0.9 * state.best_violation
     without_progress = jnp.where(progressed, 0, state.updates_without_progress + 1)
 
@@ -393,7 +402,9 @@ def next_trial(
         (trial_point(state), update.value, system, report),
         (state.x, state.value, state.system, state.report),
     )
-    x, value, system, damping = materialize((x, value, system, _next_damping(settings, state, update, turned)))
+    x, value, system, damping = materialize(
+        (x, value, system, _next_damping(settings, state, update, turned))
+    )
     found = _find_step(settings, system, damping, solve)
 
     # From an indefinite system any trial point is accepted next; where nothing helps, x stays and multipliers move on.
@@ -410,7 +421,9 @@ def next_trial(
         value=value_after,
         system=system,
         report=report,
-        updated_violation=jnp.where(update.ended, update.relative_violation, state.updated_violation),
+        updated_violation=jnp.where(
+            update.ended, update.relative_violation, state.updated_violation
+        ),
         best_violation=best,
         inner_iterations=jnp.where(update.ended | turned, 0, state.inner_iterations + 1),
         updates_without_progress=update.updates_without_progress,
@@ -420,14 +433,18 @@ def next_trial(
     )
 
 
-def _next_damping(settings: Settings, state: SolverState, update: TrialUpdate, turned: Array) -> Array:
+def _next_damping(
+    settings: Settings, state: SolverState, update: TrialUpdate, turned: Array
+) -> Array:
     """A quarter after an accepted step, eight times as much after a refused one, anew where the restoration turns."""
     smaller = jnp.maximum(state.damping / 4, 1e-6)
     larger = jnp.maximum(state.damping, settings.damping_floor) * 8
     return jnp.where(turned, settings.damping, jnp.where(update.accepted, smaller, larger))
 
 
-def _find_step(settings: Settings, system: Any, damping: Array, solve: Callable[[Any, Array], Any]) -> _Step:
+def _find_step(
+    settings: Settings, system: Any, damping: Array, solve: Callable[[Any, Array], Any]
+) -> _Step:
     """Gauss-Newton step, scaled as a whole so that no variable changes by more than the limit."""
     step = materialize(solve(system, damping))
     length = _largest(step)
@@ -441,7 +458,11 @@ def _find_step(settings: Settings, system: Any, damping: Array, solve: Callable[
 
 
 def _next_status(
-    settings: Settings, state: SolverState, update: TrialUpdate, best_violation: Array, has_failed: Array
+    settings: Settings,
+    state: SolverState,
+    update: TrialUpdate,
+    best_violation: Array,
+    has_failed: Array,
 ) -> Array:
     """Status after this iteration; what comes later in this list wins."""
     iterations = state.iterations + 1

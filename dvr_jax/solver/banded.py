@@ -83,7 +83,9 @@ def solve_bordered(
     return _solve_coupled(system, A, right, damping, system.coupling, system.far_coupling)
 
 
-def _solve_uncoupled(system: BorderedSystem, A: Array, right: Array, damping: Array) -> tuple[Array, Array]:
+def _solve_uncoupled(
+    system: BorderedSystem, A: Array, right: Array, damping: Array
+) -> tuple[Array, Array]:
     """Slices that nothing couples in time, side by side."""
     inverse = _inverse_factor(A)
     reduced = inverse @ right

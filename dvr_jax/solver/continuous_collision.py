@@ -44,7 +44,9 @@ class PenetrationSamples(NamedTuple):
 
 
 def place_samples(
-    problem: Problem, q: Float[np.ndarray, "slices joints"], fraction: Float[np.ndarray, "slices samples"]
+    problem: Problem,
+    q: Float[np.ndarray, "slices joints"],
+    fraction: Float[np.ndarray, "slices samples"],
 ) -> Problem:
     """A path's NLP with its samples on the motion through a point.
 
@@ -82,7 +84,9 @@ def even_fractions(slices: int, samples: int = PATH_SAMPLES) -> Float[np.ndarray
         ValueError: Whole passes of so many samples do not make up what `sample_penetration` looks at.
     """
     if (SAMPLES_PER_SLICE - 1) % samples:
-        raise ValueError(f"{samples} samples a slice; valid are divisors of {SAMPLES_PER_SLICE - 1}")
+        raise ValueError(
+            f"{samples} samples a slice; valid are divisors of {SAMPLES_PER_SLICE - 1}"
+        )
     return np.tile(np.arange(1, samples + 1) / samples, (slices, 1))
 
 
@@ -106,10 +110,14 @@ def sample_penetration(model: WorkcellModel, problems: Problem, x: Variables) ->
 
     def look(fraction: Float[np.ndarray, "lanes slices samples"]) -> PenetrationSamples:
         """At as many times as the NLP has samples, so that the solver's compiled programs serve."""
-        offset = np.stack([_deviation(*lane) for lane in zip(home, q, curves, fraction, strict=True)])
+        offset = np.stack(
+            [_deviation(*lane) for lane in zip(home, q, curves, fraction, strict=True)]
+        )
         moved = problems._replace(sample_fraction=fraction, sample_offset=offset)
         geometries = [measure_chunk(model, chunk) for chunk in lay_out_chunks(moved, x)]
-        nearest = np.concatenate([np.asarray(geometry.distance).min(axis=1) for geometry in geometries])
+        nearest = np.concatenate(
+            [np.asarray(geometry.distance).min(axis=1) for geometry in geometries]
+        )
         return PenetrationSamples(fraction, -nearest[: B * T * M].reshape(B, T, M))
 
     passes = [look(np.tile(part, (B, T, 1))) for part in even.reshape(-1, M)]

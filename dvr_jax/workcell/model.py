@@ -109,7 +109,9 @@ def workcell_model(workcell: Workcell) -> WorkcellModel:
 
 
 @lru_cache(maxsize=64)
-def _model_of(robot: Robot, number_of_arms: int, cross_pairs: tuple[tuple[int, int, Rectangle], ...]) -> WorkcellModel:
+def _model_of(
+    robot: Robot, number_of_arms: int, cross_pairs: tuple[tuple[int, int, Rectangle], ...]
+) -> WorkcellModel:
     capsules = robot.capsules
     structure = WorkcellStructure(
         number_of_arms=number_of_arms,

@@ -98,10 +98,14 @@ class Capsules:
         """
         indices = self.indices_of(names)
         if not indices:
-            raise DvrError(f"a list of capsules names no capsule; valid is a part of '{' '.join(self.names)}'.")
+            raise DvrError(
+                f"a list of capsules names no capsule; valid is a part of '{' '.join(self.names)}'."
+            )
         if indices != tuple(range(indices[0], indices[0] + len(indices))):
             listed = " ".join(names.split())
-            raise DvrError(f"the capsules '{listed}' are not consecutive; valid is a part of '{' '.join(self.names)}'.")
+            raise DvrError(
+                f"the capsules '{listed}' are not consecutive; valid is a part of '{' '.join(self.names)}'."
+            )
         return indices[0], indices[-1] + 1
 
     def indices_of(self, names: str) -> tuple[int, ...]:
@@ -140,7 +144,9 @@ class Robot:
             return mujoco.MjModel.from_xml_string(self.mjcf)
         except ValueError as error:
             reason = " ".join(str(error).split()).rstrip(".")
-            raise DvrError(f"MuJoCo refuses the MJCF of the robot '{self.name}': {reason}.") from None
+            raise DvrError(
+                f"MuJoCo refuses the MJCF of the robot '{self.name}': {reason}."
+            ) from None
 
     @cached_property
     def number_of_joints(self) -> int:
@@ -150,7 +156,9 @@ class Robot:
     @cached_property
     def joint_limits(self) -> Float[np.ndarray, "2 joints"]:
         """Lower and upper joint limits [rad]."""
-        return np.stack([self._joint(f"joint{i + 1}").range for i in range(self.number_of_joints)], axis=1)
+        return np.stack(
+            [self._joint(f"joint{i + 1}").range for i in range(self.number_of_joints)], axis=1
+        )
 
     @cached_property
     def joint_velocity(self) -> Float[np.ndarray, " joints"]:
@@ -225,7 +233,9 @@ class Robot:
         directions: list[np.ndarray] = []
         for geom in colliding:
             if geom.type[0] != mujoco.mjtGeom.mjGEOM_CAPSULE:
-                raise DvrError(f"the geom '{geom.name}' of the robot '{self.name}' is no capsule; valid are capsules.")
+                raise DvrError(
+                    f"the geom '{geom.name}' of the robot '{self.name}' is no capsule; valid are capsules."
+                )
             body = self.model.body(geom.bodyid[0]).name
             link, rotation, position = self._pose_in_link(body)
             center = rotation @ geom.pos + position
@@ -286,7 +296,12 @@ class Robot:
         for c, link in enumerate(capsules.links):
             slide = self.finger_travel * capsules.finger_directions[c]
             points = np.stack(
-                [capsules.starts[c], capsules.ends[c], capsules.starts[c] + slide, capsules.ends[c] + slide]
+                [
+                    capsules.starts[c],
+                    capsules.ends[c],
+                    capsules.starts[c] + slide,
+                    capsules.ends[c] + slide,
+                ]
             )
             own = points[:, :2] if link == 0 else points
             bounds.append(reach[link] + np.linalg.norm(own, axis=1).max() + capsules.radii[c])
@@ -321,7 +336,9 @@ class Robot:
         """Values of a ``<numeric>`` of the MJCF, which are so many."""
         index = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_NUMERIC, name)
         if index < 0:
-            raise DvrError(f"the MJCF of the robot '{self.name}' lacks the <numeric name=\"{name}\"> under <custom>.")
+            raise DvrError(
+                f"the MJCF of the robot '{self.name}' lacks the <numeric name=\"{name}\"> under <custom>."
+            )
         values = np.array(self.model.numeric(index).data)
         if len(values) != count:
             raise DvrError(
@@ -334,7 +351,9 @@ class Robot:
         """Value of a ``<text>`` of the MJCF."""
         index = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_TEXT, name)
         if index < 0:
-            raise DvrError(f"the MJCF of the robot '{self.name}' lacks the <text name=\"{name}\"> under <custom>.")
+            raise DvrError(
+                f"the MJCF of the robot '{self.name}' lacks the <text name=\"{name}\"> under <custom>."
+            )
         first = int(self.model.text_adr[index])
         size = int(self.model.text_size[index])
         return bytes(self.model.text_data[first : first + size]).decode().rstrip("\0")
@@ -345,7 +364,9 @@ class Robot:
         slides = joint >= 0 and self.model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE
         return np.array(self.model.jnt_axis[joint]) if slides else np.zeros(3)
 
-    def _pose_in_link(self, body: str) -> tuple[int, Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"]]:
+    def _pose_in_link(
+        self, body: str
+    ) -> tuple[int, Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"]]:
         """Link that a body is welded to or slides on, and the body's rotation and position in its frame."""
         rotation = np.eye(3)
         position = np.zeros(3)

@@ -9,9 +9,25 @@ from puppet import OPEN, Case, Puppet, hand, layout_of
 from wrong_motions import changed, never_released, placed_tilted, with_object
 
 from dvr_jax import shapes
-from dvr_jax.checker import CHECKS, FindingKind, FindingLog, OperatorCheck, check_goal, check_motion, describe
+from dvr_jax.checker import (
+    CHECKS,
+    FindingKind,
+    FindingLog,
+    OperatorCheck,
+    check_goal,
+    check_motion,
+    describe,
+)
 from dvr_jax.checker.kinds import GOAL_HELD
-from dvr_jax.checker.operators import ARM, OBJECT, Arguments, AttachmentInterval, Held, Moving, Timeline
+from dvr_jax.checker.operators import (
+    ARM,
+    OBJECT,
+    Arguments,
+    AttachmentInterval,
+    Held,
+    Moving,
+    Timeline,
+)
 from dvr_jax.checker.replayed_motion import ReplayedMotion
 from dvr_jax.checker.shapes import BOX_CHECK, register_shape_check, shape_check_named
 from dvr_jax.checker.shapes import shape as shape_registry

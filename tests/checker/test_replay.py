@@ -8,7 +8,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from puppet import Case, layout_of
-from wrong_motions import CAN, CASES, LAYOUT, changed, held_lower, joint_jumps, limit_violated, with_object
+from wrong_motions import (
+    CAN,
+    CASES,
+    LAYOUT,
+    changed,
+    held_lower,
+    joint_jumps,
+    limit_violated,
+    with_object,
+)
 
 from dvr_jax.checker import KINDS, CheckReport, Finding, check_motion, describe
 from dvr_jax.checker.kinds import GOAL_HELD, PENETRATION

@@ -21,7 +21,15 @@ from synthetic import OPTIONS, synthetic
 
 from dvr_jax.dataset.columns import VIOLATION_BITS, round_violation
 from dvr_jax.dataset.labels import Label, same_label
-from dvr_jax.dataset.shards import KEY, Shard, find_shards, list_shards, read_shard, same_rows, write_shard
+from dvr_jax.dataset.shards import (
+    KEY,
+    Shard,
+    find_shards,
+    list_shards,
+    read_shard,
+    same_rows,
+    write_shard,
+)
 from dvr_jax.errors import DvrError
 
 

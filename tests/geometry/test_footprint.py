@@ -8,7 +8,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dvr_jax.geometry.footprint import Circle, Footprint, Rectangle, contains_point, fits, inside, signed_distance
+from dvr_jax.geometry.footprint import (
+    Circle,
+    Footprint,
+    Rectangle,
+    contains_point,
+    fits,
+    inside,
+    signed_distance,
+)
 
 lengths = st.floats(0.01, 0.2)
 coordinates = st.floats(-0.3, 0.3)

@@ -9,7 +9,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dvr_jax.errors import DvrError
-from dvr_jax.logic import ARMS, FACES, Action, Grounding, LogicError, count_sequences, describe, ground_actions
+from dvr_jax.logic import (
+    ARMS,
+    FACES,
+    Action,
+    Grounding,
+    LogicError,
+    count_sequences,
+    describe,
+    ground_actions,
+)
 
 GRASP_YELLOW = Action("grasp", ("left", "+x", "yellow"))
 TAKE_OVER = Action("grasp", ("right", "-y", "yellow"))

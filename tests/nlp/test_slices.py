@@ -7,8 +7,8 @@ from typing import Any
 import jax
 import numpy as np
 import pytest
-from dvr_jax.geometry.capsule_prism import capsule_prism
 
+from dvr_jax.geometry.capsule_prism import capsule_prism
 from dvr_jax.modes.mode import Attachment
 from dvr_jax.nlp.collision_distances import FAR, NEAR, Bodies
 from dvr_jax.nlp.collision_rows import arm_row_signs

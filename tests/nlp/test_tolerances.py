@@ -9,7 +9,13 @@ import pytest
 from nlp_cases import FACING, SCENE, grasp, place, stack
 
 from dvr_jax.nlp.blocks import CONSTRAINT_BLOCKS
-from dvr_jax.nlp.evaluation import TOLERANCES, Violations, evaluate_constraints, relative_violation, violations_of
+from dvr_jax.nlp.evaluation import (
+    TOLERANCES,
+    Violations,
+    evaluate_constraints,
+    relative_violation,
+    violations_of,
+)
 from dvr_jax.nlp.layout import lay_out
 from dvr_jax.nlp.problem import Problem, Variables
 from dvr_jax.nlp.slices import SliceGeometry, measure

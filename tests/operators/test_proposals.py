@@ -22,7 +22,13 @@ from dvr_jax.operators.grasp import (
     MEETING_TILT,
 )
 from dvr_jax.operators.place import PLACING_ANGLE, PLACING_RADIUS
-from dvr_jax.operators.proposal import UNIFORM_NUMBERS, BeamStep, ObjectBefore, Proposal, ProposedPoses
+from dvr_jax.operators.proposal import (
+    UNIFORM_NUMBERS,
+    BeamStep,
+    ObjectBefore,
+    Proposal,
+    ProposedPoses,
+)
 from dvr_jax.seeds.beam_batches import MEETING_FORWARD, beam_step
 from dvr_jax.workcell.workcell import (
     DEFAULT_WORKCELL,

@@ -20,7 +20,12 @@ from dvr_jax.scene.files import (
 )
 from dvr_jax.scene.fixed_sampling import add_fixed_bodies
 from dvr_jax.scene.mjcf import build_home_data, build_model, require_free_home
-from dvr_jax.scene.sampling import DEFAULT_DISTRIBUTION, SceneDistribution, sample_scene, sample_scenes
+from dvr_jax.scene.sampling import (
+    DEFAULT_DISTRIBUTION,
+    SceneDistribution,
+    sample_scene,
+    sample_scenes,
+)
 from dvr_jax.workcell.panda import PANDA
 from dvr_jax.workcell.workcell import DEFAULT_WORKCELL, WORKCELLS, Arm, Table, Workcell
 

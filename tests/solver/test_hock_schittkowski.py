@@ -11,7 +11,13 @@ from hock_schittkowski import EXAMPLES, Example
 from jax import Array
 
 from dvr_jax.solver import augmented_lagrangian
-from dvr_jax.solver.augmented_lagrangian import RestorationPhase, Settings, SolverState, SolverStatus, trial_point
+from dvr_jax.solver.augmented_lagrangian import (
+    RestorationPhase,
+    Settings,
+    SolverState,
+    SolverStatus,
+    trial_point,
+)
 
 TOLERANCE = 1e-7
 """Violation that the method may leave."""

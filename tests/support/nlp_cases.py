@@ -20,7 +20,6 @@ from dvr_jax.nlp.transcription import transcribe
 from dvr_jax.runtime.compilation import CPU_OPTIONS
 from dvr_jax.scene.types import FixedBody, OnRegion, Region, Scene, SceneObject
 from dvr_jax.scene.validation import make_scene
-from dvr_jax.solver.continuous_collision import PATH_SAMPLES
 from dvr_jax.workcell.model import WorkcellModel, workcell_model
 from dvr_jax.workcell.workcell import SIDE_BY_SIDE_WORKCELL, SINGLE_ARM_WORKCELL
 
@@ -29,6 +28,9 @@ Hands = Sequence[tuple[Floats, Floats]]
 """Rotation and position of each gripper."""
 
 GOAL = OnRegion("yellow", Region((0.3, -0.25), 0.4, (0.22, 0.2)))
+
+SAMPLES = 3
+"""Samples of a slice where a test does not say otherwise."""
 
 SCENE = make_scene(
     [
@@ -193,7 +195,7 @@ def make_case(
     repeats: int,
     seed: int,
     level: bool = False,
-    samples: int = PATH_SAMPLES,
+    samples: int = SAMPLES,
     setting: Setting = FACING,
 ) -> Case:
     """All skeletons, each at ``repeats`` random points: joints near home, parameters within bounds or on the table.

@@ -7,7 +7,13 @@ import numpy as np
 from nlp_cases import Case, Floats, pose_in_mode
 from scipy.spatial.transform import Rotation
 
-from dvr_jax.scene.mjcf import build_home_data, build_model_spec, fixed_body_name, object_body_name, qpos_layout
+from dvr_jax.scene.mjcf import (
+    build_home_data,
+    build_model_spec,
+    fixed_body_name,
+    object_body_name,
+    qpos_layout,
+)
 from dvr_jax.scene.types import Scene
 from dvr_jax.workcell.workcell import Workcell, cross_arm_pairs
 

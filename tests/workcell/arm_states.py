@@ -1,4 +1,4 @@
-"""Random postures of all arms of a workcell, in a scene's MuJoCo model and as the library takes them."""
+"""Random postures of all arms of a workcell, in a MuJoCo model of the arms alone and as the library takes them."""
 
 from collections.abc import Iterator
 
@@ -6,9 +6,6 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from dvr_jax.scene.layout import Layout, qpos_layout
-from dvr_jax.scene.mjcf import build_home_data, build_model
-from dvr_jax.scene.types import OnRegion, Region, Scene, SceneObject
 from dvr_jax.workcell.kinematics import BasePoses
 from dvr_jax.workcell.workcell import DEFAULT_WORKCELL, Workcell, base_positions, base_rotations
 
@@ -17,10 +14,14 @@ Floats = NDArray[np.float64]
 POSTURES = 64
 
 
-def scene_of(workcell: Workcell = DEFAULT_WORKCELL) -> Scene:
-    """A scene with one box."""
-    item = SceneObject("box", "box", (0.05, 0.1, 0.1), (0.0, 0.3), 0.3)
-    return Scene((item,), OnRegion("box", Region((0, 0), 0, (0.2, 0.2))), workcell)
+def build_arms(workcell: Workcell) -> mujoco.MjModel:
+    """The robots of a workcell where their bases stand; names begin with the arm's and a slash."""
+    spec = mujoco.MjSpec()
+    for arm in workcell.arms:
+        half = arm.yaw / 2
+        frame = spec.worldbody.add_frame(pos=[*arm.position, 0.0], quat=[np.cos(half), 0.0, 0.0, np.sin(half)])
+        spec.attach(mujoco.MjSpec.from_string(workcell.robot.mjcf), prefix=f"{arm.name}/", frame=frame)
+    return spec.compile()
 
 
 def sample_postures(n: int = POSTURES, seed: int = 0, workcell: Workcell = DEFAULT_WORKCELL) -> tuple[Floats, Floats]:
@@ -32,20 +33,26 @@ def sample_postures(n: int = POSTURES, seed: int = 0, workcell: Workcell = DEFAU
 
 
 class Simulated:
-    """The MuJoCo model of a workcell's scene."""
+    """The MuJoCo model of a workcell's arms."""
 
     def __init__(self, workcell: Workcell = DEFAULT_WORKCELL) -> None:
         self.workcell = workcell
-        self.scene = scene_of(workcell)
-        self.model: mujoco.MjModel = build_model(self.scene)
-        self.layout: Layout = qpos_layout(self.scene)
+        self.model: mujoco.MjModel = build_arms(workcell)
+        names = [f"joint{i + 1}" for i in range(workcell.robot.number_of_joints)]
+        self.arm_joints = self._addresses(names)
+        self.fingers = self._addresses([f"finger_joint_{side}" for side in ("left", "right")])
+
+    def _addresses(self, joints: list[str]) -> NDArray[np.int64]:
+        """Where joints of each arm lie in `qpos` (A, ...)."""
+        arms = self.workcell.arm_names
+        return np.array([[self.model.joint(f"{arm}/{name}").qposadr[0] for name in joints] for arm in arms])
 
     def states(self, q: Floats, openings: Floats) -> Iterator[mujoco.MjData]:
         """The model's state in each posture, with kinematics and what Jacobians need."""
-        data = build_home_data(self.model)
+        data = mujoco.MjData(self.model)
         for angles, travel in zip(q, openings, strict=True):
-            data.qpos[self.layout.arm_joints] = angles
-            data.qpos[self.layout.fingers] = travel[:, None]
+            data.qpos[self.arm_joints] = angles
+            data.qpos[self.fingers] = travel[:, None]
             mujoco.mj_kinematics(self.model, data)
             mujoco.mj_comPos(self.model, data)
             yield data

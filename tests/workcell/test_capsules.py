@@ -4,7 +4,9 @@ import mujoco
 import numpy as np
 from arm_states import Floats, Simulated, sample_postures
 
-from dvr_jax.scene.mjcf import COLLISION_GROUP, LOOKS_GROUP
+LOOKS_GROUP = 2
+COLLISION_GROUP = 3
+"""Geom groups of the robots' models: what is seen, and what collides."""
 
 COVERED = 0.008
 """As `panda.xml` says [m] ..."""

@@ -6,11 +6,26 @@ import jax
 import mujoco
 import numpy as np
 import pytest
-from arm_states import POSTURES, Floats, Simulated, as_arms, bases_of, matrices, sample_postures, vectors
+from arm_states import (
+    POSTURES,
+    Floats,
+    Simulated,
+    as_arms,
+    bases_of,
+    matrices,
+    sample_postures,
+    vectors,
+)
 
 from dvr_jax.runtime.compilation import CPU_OPTIONS
 from dvr_jax.workcell.gripper_motion import shift_gripper
-from dvr_jax.workcell.kinematics import BasePoses, capsule_segments, hand_pose, joint_screws, link_poses
+from dvr_jax.workcell.kinematics import (
+    BasePoses,
+    capsule_segments,
+    hand_pose,
+    joint_screws,
+    link_poses,
+)
 from dvr_jax.workcell.model import WorkcellModel, workcell_model
 from dvr_jax.workcell.panda import PANDA
 from dvr_jax.workcell.workcell import WORKCELLS, Workcell, base_positions, base_rotations
@@ -154,9 +169,9 @@ def test_links_against_mjx(forward: Forward) -> None:
         moved = mjx.kinematics(device_model, data.replace(qpos=qpos))
         return moved.xpos, moved.xmat
 
-    layout = forward.simulated.layout
-    qpos = np.tile(model.key("home").qpos, (POSTURES, 1))
-    qpos[:, layout.arm_joints], qpos[:, layout.fingers] = forward.q, forward.openings[:, :, None]
+    qpos = np.zeros((POSTURES, model.nq))
+    qpos[:, forward.simulated.arm_joints] = forward.q
+    qpos[:, forward.simulated.fingers] = forward.openings[:, :, None]
     positions, rotations = (np.asarray(x) for x in jax.jit(jax.vmap(kinematics))(qpos))
     for arm, name in forward.arms:
         for link in range(1, 8):

@@ -81,7 +81,9 @@ def _overhang(
     rise = cosine * jnp.sign(sine)
     widening = jnp.stack([fall * hx + rise * hy, rise * hx + fall * hy], axis=-1)
 
-    rows = jnp.concatenate([offset + extent, extent - offset], axis=-1) - jnp.tile(support[..., 3:], 2)
+    rows = jnp.concatenate([offset + extent, extent - offset], axis=-1) - jnp.tile(
+        support[..., 3:], 2
+    )
     by_position = jnp.stack([jnp.stack([c, s], axis=-1), jnp.stack([-s, c], axis=-1)], axis=-2)
     by_yaw = jnp.stack([widening, jnp.zeros_like(widening)], axis=-1)
     jacobian = jnp.concatenate(
@@ -104,10 +106,13 @@ def _add_to_system(
 ) -> SystemParts:
     K = len(x.m)
     own = jnp.einsum("kri,krj,kr->kij", jacobian, jacobian, active_penalty)
-    corner = jnp.einsum("kij,kl->kilj", own, jnp.eye(K, dtype=own.dtype)).reshape(K * PARAMETERS, -1)
+    corner = jnp.einsum("kij,kl->kilj", own, jnp.eye(K, dtype=own.dtype)).reshape(
+        K * PARAMETERS, -1
+    )
     return parts._replace(
         corner=parts.corner + corner,
-        gradient_m=parts.gradient_m + jnp.einsum("kri,kr->ki", jacobian, multiplier_estimate).reshape(-1),
+        gradient_m=parts.gradient_m
+        + jnp.einsum("kri,kr->ki", jacobian, multiplier_estimate).reshape(-1),
     )
 
 

@@ -205,7 +205,9 @@ def _fold_forearm(lengths: _Lengths, wrist: _Wrist, triangle: _Triangle) -> _Elb
     gap = triangle.gap + jnp.maximum(jnp.abs(triangle.alpha) - amplitude, 0)
     amplitude = jnp.maximum(amplitude, 1e-9)
     cosine = jnp.clip(triangle.alpha / amplitude, -1, 1)
-    c6, s6, cosine, sine = materialize((along_y / amplitude, along_x / amplitude, cosine, _sine_of(cosine)))
+    c6, s6, cosine, sine = materialize(
+        (along_y / amplitude, along_x / amplitude, cosine, _sine_of(cosine))
+    )
 
     side = jnp.asarray([1.0, -1.0], c6.dtype)[:, None]
     c6, s6 = materialize((c6 * cosine - side * s6 * sine, s6 * cosine + side * c6 * sine))
