@@ -20,7 +20,7 @@ from dvr_jax.nlp.layout import lay_out
 from dvr_jax.nlp.problem import Problem, Variables
 from dvr_jax.nlp.slices import SliceGeometry, measure
 from dvr_jax.nlp.transcription import transcribe
-from dvr_jax.runtime.compilation import CPU_OPTIONS
+from dvr_jax.runtime.compilation import Program
 from dvr_jax.workcell.model import WorkcellModel
 
 EXPECTED = {
@@ -38,11 +38,17 @@ STEPS = 2
 ROOM = 0.1
 """How far the placed object's footprint is from the border of its support [m]."""
 
-measure_all = jax.jit(lambda model, problems, x: measure(model, lay_out(problems, x)), compiler_options=CPU_OPTIONS)
-judge = jax.jit(
-    lambda model, problems, x, geometry: violations_of(evaluate_constraints(model, problems, x, geometry)),
-    compiler_options=CPU_OPTIONS,
-)
+lay_out_program = Program(lay_out)
+measure_program = Program(measure)
+constraints_program = Program(evaluate_constraints)
+
+
+def measure_all(model: WorkcellModel, problems: Problem, x: Variables) -> SliceGeometry:
+    return measure_program(model, lay_out_program(problems, x))
+
+
+def judge(model: WorkcellModel, problems: Problem, x: Variables, geometry: SliceGeometry) -> Violations:
+    return violations_of(constraints_program(model, problems, x, geometry))
 
 
 @dataclass(frozen=True)
@@ -229,7 +235,7 @@ def test_half_a_turn_at_a_switch_is_infeasible(good: Point, turn: float) -> None
     point = violate(good, "rotation", turn)
     problems, x = jax.tree.map(lambda leaf: np.asarray(leaf)[None], (point.problem, point.x))
     geometry = measure_all(point.model, problems, x)
-    rows = evaluate_constraints(point.model, problems, x, geometry)["mode_switch"].rows
+    rows = constraints_program(point.model, problems, x, geometry)["mode_switch"].rows
     np.testing.assert_allclose(rows, 0, atol=1e-9)
     violations = point.violations()
     assert float(violations["rotation"]) == pytest.approx(np.pi, abs=1e-6)

@@ -158,7 +158,9 @@ def test_joint_screws(forward: Forward) -> None:
                 np.testing.assert_allclose(forward.screws[:, arm, joint, n], expected, **TIGHT)
 
 
+@pytest.mark.parametrize("forward", ["facing", "side-by-side"], indirect=True)
 def test_links_against_mjx(forward: Forward) -> None:
+    """In two of the workcells: the others differ from them in numbers alone, and MJX compiles for long."""
     mjx = pytest.importorskip("mujoco.mjx", reason="mujoco-mjx is an extra of the tests")
     model = forward.simulated.model
     device_model, data = mjx.put_model(model), mjx.make_data(model)
