@@ -10,8 +10,8 @@ from pathlib import Path
 import jax
 from jaxtyping import install_import_hook
 
-# The shapes and types in the annotations of these packages are checked whenever one of their functions is called. Absent is
-# `dvr_jax.workcell.model`, whose dataclass is a pytree: JAX also makes ones whose leaves are no arrays.
+# The shapes and types in the annotations of these packages are checked whenever one of their functions is called.
+# Absent is `dvr_jax.workcell.model`: its dataclass is a pytree, and JAX also makes ones whose leaves are no arrays.
 install_import_hook(
     [
         "dvr_jax.geometry",
@@ -36,4 +36,6 @@ jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_platforms", "cpu")
 # Implicit rank promotion is allowed: the library broadcasts per-pair constants and single weights against batches.
 jax.config.update("jax_numpy_rank_promotion", "allow")
-os.environ.setdefault("DVR_JAX_CACHE", str(Path(tempfile.gettempdir()) / f"dvr_jax_tests_{os.getuid()}"))
+os.environ.setdefault(
+    "DVR_JAX_CACHE", str(Path(tempfile.gettempdir()) / f"dvr_jax_tests_{os.getuid()}")
+)

@@ -72,7 +72,12 @@ def test_an_easy_problem_is_feasible_in_both(scene: Scene) -> None:
     peer = build_peer_scene(scene)
     keyframes = solve_peer(peer, build_keyframes(peer, EASY), seed=0)
     assert keyframes.feasible
-    assert judge_point(transcribe(scene, EASY), to_variables(transcribe(scene, EASY), EASY, keyframes))["ratio"] <= 1
+    assert (
+        judge_point(
+            transcribe(scene, EASY), to_variables(transcribe(scene, EASY), EASY, keyframes)
+        )["ratio"]
+        <= 1
+    )
     path = solve_peer(peer, build_path(peer, EASY, keyframes, STEPS_PER_PHASE), seed=0)
     assert path.feasible
     assert path.q.shape == (2 * STEPS_PER_PHASE, 14)

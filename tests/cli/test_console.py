@@ -78,7 +78,9 @@ def test_options_that_are_written_twice_agree() -> None:
     defaults = {item.name: item.default for item in fields(SweepOptions)}
     for item in fields(LabelOptions):
         assert defaults[item.name] == item.default
-    assert {item.name: item.default for item in fields(SampleOptions)}["cubes"] == DEFAULT_DISTRIBUTION.cube_share
+    assert {item.name: item.default for item in fields(SampleOptions)}[
+        "cubes"
+    ] == DEFAULT_DISTRIBUTION.cube_share
     assert get_type_hints(SampleOptions)["shape"] == ShapeChoice
     assert get_args(get_type_hints(PlanOptions)["search"]) == SEARCHES
 

@@ -33,10 +33,15 @@ def run(*arguments: object) -> subprocess.CompletedProcess[str]:
 def test_counts(folder: Path, tmp_path: Path) -> None:
     counted = run(folder)
     assert (counted.returncode, counted.stderr) == (0, "")
-    assert all(number in counted.stdout for number in ("25,736", "102,566", "2,741,573", "1,803,684", "7,926,696"))
+    assert all(
+        number in counted.stdout
+        for number in ("25,736", "102,566", "2,741,573", "1,803,684", "7,926,696")
+    )
     nothing = run(tmp_path)
     assert nothing.returncode == 2
-    assert nothing.stderr.startswith("error: there is no shard in") and nothing.stderr.count("\n") == 1
+    assert (
+        nothing.stderr.startswith("error: there is no shard in") and nothing.stderr.count("\n") == 1
+    )
 
 
 def test_repack(folder: Path, tmp_path: Path) -> None:

@@ -21,7 +21,9 @@ def test_shards_make_a_network(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
         write_shard(folder / f"{first:06}.parquet", *synthetic(first, first + 5), OPTIONS)
     out = tmp_path / "out"
     options = "--image-size 8 --rays 1 --batch 8 --least-feasible 2 --steps 4 --log-every 2 --checkpoint-every 4"
-    monkeypatch.setattr(sys, "argv", ["train", "--data", str(folder), "--out", str(out), *options.split()])
+    monkeypatch.setattr(
+        sys, "argv", ["train", "--data", str(folder), "--out", str(out), *options.split()]
+    )
     assert train.main() == 0
     manifest = json.loads((out / "manifest.json").read_text())
     examples = load_examples(folder)

@@ -68,7 +68,10 @@ def test_shapes(examples: Examples) -> None:
 def test_every_label_is_an_example(examples: Examples, labels: dict[Scene, list[Label]]) -> None:
     for number, scene in enumerate(examples.scenes):
         grounding = ground(scene)
-        found = {names(grounding, actions): verdict for actions, verdict in sequences_of(examples, number).items()}
+        found = {
+            names(grounding, actions): verdict
+            for actions, verdict in sequences_of(examples, number).items()
+        }
         for label in labels[scene]:
             if not label.refuted_prefix:
                 assert found.pop(label.actions) == label.feasible
@@ -146,7 +149,10 @@ def test_counts(examples: Examples) -> None:
     zeros, known = inside & (examples.targets == 0), examples.weight == 1
     assert not examples.weight[~known].any() and not known[~inside].any()
     assert counts.zeros == zeros.sum() and counts.known_zeros == (zeros & known).sum() > 0
-    assert counts.first_zeros == zeros[:, 0].sum() and counts.known_first_zeros == (zeros & known)[:, 0].sum()
+    assert (
+        counts.first_zeros == zeros[:, 0].sum()
+        and counts.known_first_zeros == (zeros & known)[:, 0].sum()
+    )
 
 
 def test_all_continuations_and_none_labeled_otherwise(tmp_path: Path) -> None:
@@ -166,7 +172,10 @@ def test_all_continuations_and_none_labeled_otherwise(tmp_path: Path) -> None:
     expected = {s: False for s in every if s[0] == one[0]} | {other: True}
     assert sequences_of(load_examples(tmp_path, completions=10**6, k_max=4), 0) == expected
     assert count_infeasible_sequences(list_shards(tmp_path), k_max=4) == len(expected) - 1
-    assert sequences_of(load_examples(tmp_path, completions=0, k_max=4), 0) == {one: False, other: True}
+    assert sequences_of(load_examples(tmp_path, completions=0, k_max=4), 0) == {
+        one: False,
+        other: True,
+    }
 
 
 def test_a_refuted_root_stands_for_all(tmp_path: Path) -> None:
@@ -181,12 +190,19 @@ def test_many_objects_and_names_share_nothing(tmp_path: Path) -> None:
     scenes, labels = synthetic(0, 2, rows=30, objects=5)
     renamed = replace(
         scenes[1],
-        objects=tuple(replace(item, name=f"{item.name}; {i}") for i, item in enumerate(scenes[1].objects)),
+        objects=tuple(
+            replace(item, name=f"{item.name}; {i}") for i, item in enumerate(scenes[1].objects)
+        ),
         goal=replace(scenes[1].goal, object=f"{scenes[1].goal.object}; {scenes[1].goal_index}"),
     )
     of_first = [label for label in labels if label.scene == 0]
     of_second = [
-        replace(label, actions=names(ground(renamed), tuple(map(list(map(str, ground(scenes[1]).actions)).index, a))))
+        replace(
+            label,
+            actions=names(
+                ground(renamed), tuple(map(list(map(str, ground(scenes[1]).actions)).index, a))
+            ),
+        )
         for label in labels
         if label.scene == 1
         for a in [label.actions]

@@ -21,7 +21,9 @@ PREFIX = Label(3, (GRASP,), False, True, "pose", nan)
 
 def test_valid_ones_are_taken(tmp_path: Path) -> None:
     for number, labels in enumerate(([SOLUTION], [FAILURE], [PREFIX], [PREFIX, FAILURE], [])):
-        assert write_shard(tmp_path / f"{number}.parquet", SCENES, labels, OPTIONS).footer.labels == len(labels)
+        assert write_shard(
+            tmp_path / f"{number}.parquet", SCENES, labels, OPTIONS
+        ).footer.labels == len(labels)
 
 
 @pytest.mark.parametrize(

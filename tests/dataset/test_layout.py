@@ -56,16 +56,23 @@ def test_compact_actions_by_their_definition(labels: list[Label]) -> None:
     compact, order = compact_actions(columns)
     kept = iter(compact.action.tolist())
     before: tuple[int | None, tuple[str, ...]] = (None, ())
-    for place, length, shared in zip(order.tolist(), compact.length.tolist(), compact.shared.tolist(), strict=True):
+    for place, length, shared in zip(
+        order.tolist(), compact.length.tolist(), compact.shared.tolist(), strict=True
+    ):
         label = labels[place]
         names = compact.names[label.scene - FIRST_SCENE]
         assert names == sorted(set(names))
         expected = 0
         if before[0] == label.scene:
             pairs = zip(label.actions[::-1], before[1][::-1], strict=False)
-            expected = next((i for i, (own, other) in enumerate(pairs) if own != other), min(length, len(before[1])))
+            expected = next(
+                (i for i, (own, other) in enumerate(pairs) if own != other),
+                min(length, len(before[1])),
+            )
         assert (length, shared) == (len(label.actions), expected)
-        assert [names[next(kept)] for _ in range(length - shared)] == list(label.actions[::-1][shared:])
+        assert [names[next(kept)] for _ in range(length - shared)] == list(
+            label.actions[::-1][shared:]
+        )
         before = (label.scene, label.actions)
     assert next(kept, None) is None
 
@@ -82,7 +89,9 @@ def test_each_distinct_verdict_of_a_scene_is_written_once(labels: list[Label]) -
     assert again.bound == verdicts.bound
     assert np.array_equal(again.refuted_prefix, verdicts.refuted_prefix)
     assert np.array_equal(again.violation, verdicts.violation, equal_nan=True)
-    distinct = {(label.scene, label.refuted_prefix, label.bound, repr(label.violation)) for label in labels}
+    distinct = {
+        (label.scene, label.refuted_prefix, label.bound, repr(label.violation)) for label in labels
+    }
     assert len(compact.distinct.bound) == compact.ends[-1] == len(distinct)
 
 
@@ -101,6 +110,8 @@ def test_any_text_is_kept(text: str) -> None:
     assert SceneText.take_apart(text).put_together() == text
 
 
-@pytest.mark.parametrize("text", ['{"name":"a#b","x":1.5}', '{"name":"1.50"}', '{"x":1.5e400}', "#", "1.5#"])
+@pytest.mark.parametrize(
+    "text", ['{"name":"a#b","x":1.5}', '{"name":"1.50"}', '{"x":1.5e400}', "#", "1.5#"]
+)
 def test_texts_that_cannot_be_taken_apart_stay_whole(text: str) -> None:
     assert SceneText.take_apart(text) == SceneText(text, ())

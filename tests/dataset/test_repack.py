@@ -30,7 +30,9 @@ def old_folder(shards: list[Shard], tmp_path: Path) -> Path:
     for shard in shards:
         versions = shard.info.footer.versions | {"dvr_jax": "0.4.0", "numpy": "1.0"}
         footer = msgspec.structs.replace(shard.info.footer, versions=versions)
-        write_first_layout(tmp_path / shard.info.path.name, replace(shard, info=replace(shard.info, footer=footer)))
+        write_first_layout(
+            tmp_path / shard.info.path.name, replace(shard, info=replace(shard.info, footer=footer))
+        )
     write_manifest(tmp_path, command=["python", "-m", "dvr_jax.sweep"])
     return tmp_path
 
@@ -62,7 +64,9 @@ def test_repacking_keeps_rows_footers_and_manifest(old_folder: Path, shards: lis
 
     manifest = json.loads((old_folder / "_manifest.json").read_text())
     for entry in manifest["shards"]:
-        assert entry["sha256"] == hashlib.sha256((old_folder / entry["file"]).read_bytes()).hexdigest()
+        assert (
+            entry["sha256"] == hashlib.sha256((old_folder / entry["file"]).read_bytes()).hexdigest()
+        )
     assert manifest["shards"] != manifest_before["shards"]
     for entry in manifest["shards"] + manifest_before["shards"]:
         del entry["sha256"]
@@ -90,7 +94,9 @@ def test_a_loss_is_refused(old_folder: Path, monkeypatch: pytest.MonkeyPatch) ->
         return replace(columns, violation=columns.violation * 2)
 
     monkeypatch.setattr(repack, "read_columns", lossy)
-    with pytest.raises(DvrError, match=r"000000\.parquet cannot be repacked without loss; it stays as it is"):
+    with pytest.raises(
+        DvrError, match=r"000000\.parquet cannot be repacked without loss; it stays as it is"
+    ):
         list(repack_folder(old_folder))
     assert {path.name: path.read_bytes() for path in old_folder.iterdir()} == before
 
@@ -110,6 +116,8 @@ def test_a_missing_value_of_the_first_layout_is_refused(old_folder: Path) -> Non
     path = old_folder / "000000.parquet"
     table = pq.read_table(path)
     nothing = pa.array([None] * len(table), pa.string())
-    pq.write_table(table.set_column(1, "json", nothing).replace_schema_metadata(table.schema.metadata), path)
+    pq.write_table(
+        table.set_column(1, "json", nothing).replace_schema_metadata(table.schema.metadata), path
+    )
     with pytest.raises(DvrError, match="is no whole shard"):
         read_shard(path)

@@ -55,13 +55,20 @@ def test_scenes_without_labels_are_kept(tmp_path: Path) -> None:
         info = write_shard(tmp_path / "a.parquet", scenes, kept, OPTIONS)
         again = read_shard(info.path)
         assert (again.info.scenes, again.scenes) == (range(4), tuple(scenes.values()))
-        assert [label.actions for label in again.labels] == sorted((x.actions for x in kept), key=lambda a: (len(a), a))
+        assert [label.actions for label in again.labels] == sorted(
+            (x.actions for x in kept), key=lambda a: (len(a), a)
+        )
 
 
 def test_equal_sweeps_give_equal_files(tmp_path: Path, shard: Shard) -> None:
     scenes, labels = synthetic(0, 5)
     random.Random(0).shuffle(labels)
-    info = write_shard(tmp_path / "a.parquet", dict(reversed(scenes.items())), labels, dict(reversed(OPTIONS.items())))
+    info = write_shard(
+        tmp_path / "a.parquet",
+        dict(reversed(scenes.items())),
+        labels,
+        dict(reversed(OPTIONS.items())),
+    )
     assert info.path.read_bytes() == shard.info.path.read_bytes()
     assert same_rows(read_shard(info.path), shard)
 
@@ -128,9 +135,13 @@ def test_a_killed_writer_leaves_no_half_shard(when: str, tmp_path: Path) -> None
     path = tmp_path / "a.parquet"
     write_shard(path, *synthetic(0, 1, rows=5), OPTIONS)
     before = path.read_bytes()
-    program = WRITER.format(tests=str(Path(__file__).parents[1] / "support"), path=str(path), when=when)
+    program = WRITER.format(
+        tests=str(Path(__file__).parents[1] / "support"), path=str(path), when=when
+    )
     environment = os.environ | {"PYTHONPATH": os.getcwd()}
-    ended = subprocess.run([sys.executable, "-c", program], timeout=60, env=environment, check=False)
+    ended = subprocess.run(
+        [sys.executable, "-c", program], timeout=60, env=environment, check=False
+    )
     assert ended.returncode == -signal.SIGKILL
     assert path.read_bytes() == before
     assert [info.path for info in list_shards(tmp_path)] == [path]
@@ -199,7 +210,9 @@ def test_foreign_files_are_refused(tmp_path: Path, shard: Shard) -> None:
     pq.write_table(table.replace_schema_metadata({KEY: json.dumps(footer | {"schema": 1})}), path)
     with pytest.raises(DvrError, match=r"a\.parquet is no whole shard"):
         read_shard(path)
-    optional = pa.schema([field.with_nullable(True) for field in table.schema], metadata=table.schema.metadata)
+    optional = pa.schema(
+        [field.with_nullable(True) for field in table.schema], metadata=table.schema.metadata
+    )
     pq.write_table(table.cast(optional), path)
     with pytest.raises(DvrError, match="no shard of labels"):
         read_shard(path)
@@ -212,7 +225,9 @@ def contradictions(table: pa.Table) -> Iterator[pa.Table]:
         values = table[column].to_pylist()
         values[row] = items(values[row])
         place = table.schema.get_field_index(column)
-        return table.set_column(place, table.schema.field(place), pa.array(values, table.schema.field(place).type))
+        return table.set_column(
+            place, table.schema.field(place), pa.array(values, table.schema.field(place).type)
+        )
 
     for column in ("length", "shared", "verdict", "action", "violation", "numbers"):
         yield changed(column, 1, lambda items: items[:-1])
@@ -238,7 +253,9 @@ def test_list_is_sorted_and_ignores_other_files(folder: Path, tmp_path: Path) ->
 def test_overlapping_and_disagreeing_shards_are_refused(tmp_path: Path) -> None:
     write_shard(tmp_path / "a.parquet", *synthetic(0, 3, rows=5), OPTIONS)
     write_shard(tmp_path / "b.parquet", *synthetic(2, 4, rows=5), OPTIONS)
-    with pytest.raises(DvrError, match=r"b\.parquet \(scenes 2 to 3\) and .*a\.parquet \(scenes 0 to 2\) overlap"):
+    with pytest.raises(
+        DvrError, match=r"b\.parquet \(scenes 2 to 3\) and .*a\.parquet \(scenes 0 to 2\) overlap"
+    ):
         list_shards(tmp_path)
     write_shard(tmp_path / "b.parquet", *synthetic(3, 4, rows=5), OPTIONS | {"k_max": 5})
     with pytest.raises(DvrError, match=r"different sweeps: k_max is 5 and 6"):
@@ -259,7 +276,9 @@ def test_overlapping_and_disagreeing_shards_are_refused(tmp_path: Path) -> None:
         ("a.parquet", [0], {"seed": 1, "out": Path()}, "cannot be written as JSON"),
     ],
 )
-def test_bad_requests(name: str, indices: list[int], options: dict[str, object], message: str, tmp_path: Path) -> None:
+def test_bad_requests(
+    name: str, indices: list[int], options: dict[str, object], message: str, tmp_path: Path
+) -> None:
     scenes = synthetic(0, 3, rows=1)[0]
     with pytest.raises(DvrError, match=message):
         write_shard(tmp_path / name, {index: scenes[index] for index in indices}, [], options)

@@ -13,7 +13,8 @@ from dvr_jax.logic import enumerate_sequences
 from dvr_jax.scene.sampling import sample_scenes
 
 SEQUENCES = st.lists(
-    st.tuples(st.lists(st.integers(0, 2), min_size=1, max_size=4).map(tuple), st.booleans()), max_size=12
+    st.tuples(st.lists(st.integers(0, 2), min_size=1, max_size=4).map(tuple), st.booleans()),
+    max_size=12,
 )
 """Few actions and short sequences, so that prefixes are shared and some sequences occur twice."""
 
@@ -22,7 +23,13 @@ SEQUENCES = st.lists(
 def test_equals_the_equation(rows: list[tuple[tuple[int, ...], bool]]) -> None:
     sequences, feasible = [row[0] for row in rows], [row[1] for row in rows]
     expected = [
-        [float(verdict or any(other and a_l[:j] == a_i[:j] and len(a_l) >= j for a_l, other in rows)) for j in steps]
+        [
+            float(
+                verdict
+                or any(other and a_l[:j] == a_i[:j] and len(a_l) >= j for a_l, other in rows)
+            )
+            for j in steps
+        ]
         for a_i, verdict in rows
         for steps in [range(1, len(a_i) + 1)]
     ]
@@ -60,7 +67,14 @@ def test_what_is_known_of_a_prefix_follows_from_all_sequences_up_to_the_longest_
     actions = range(len(INDEX.grounding.actions))
     impossible = {action for action in actions if generator.random() < 0.1}
     duplicates = {action for action in actions if generator.random() < 0.1} - impossible
-    proper = sorted({sequence[:length] for sequence in REACHING for length in (1, 2, 3) if length < len(sequence)})
+    proper = sorted(
+        {
+            sequence[:length]
+            for sequence in REACHING
+            for length in (1, 2, 3)
+            if length < len(sequence)
+        }
+    )
     refuted = {prefix for prefix in proper if generator.random() < 0.1}
     asked = [s for s in REACHING if not duplicates.intersection(s)]
     possible = [s for s in asked if not impossible.intersection(s)]

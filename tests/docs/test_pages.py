@@ -30,7 +30,9 @@ def page_parameter(page: Path) -> object:
 
 
 @pytest.mark.parametrize("page", [page_parameter(page) for page in PAGES if read_blocks(page)])
-def test_the_code_of_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_code_of_a_page_runs(
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     run_page(page, tmp_path)
 

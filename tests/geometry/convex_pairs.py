@@ -48,7 +48,9 @@ class Bodies:
     def moved(self, twist: Floats, amount: float) -> "Bodies":
         """All bodies after a motion by ``amount`` along a twist (angular velocity, velocity at the world's origin)."""
         turn = Rotation.from_rotvec(amount * twist[:3]).as_matrix()
-        return replace(self, rotation=turn @ self.rotation, center=self.center @ turn.T + amount * twist[3:])
+        return replace(
+            self, rotation=turn @ self.rotation, center=self.center @ turn.T + amount * twist[3:]
+        )
 
 
 def components(v: Floats) -> Floats:
@@ -61,12 +63,16 @@ def columns(R: Floats) -> Floats:
     return np.moveaxis(R, (-1, -2), (0, 1))
 
 
-def sample_bodies(kind: str, n: int, seed: int, spread: float = 0.12, upright: bool = False) -> Bodies:
+def sample_bodies(
+    kind: str, n: int, seed: int, spread: float = 0.12, upright: bool = False
+) -> Bodies:
     """Bodies of the sizes that scenes have, around the origin: some apart, some deep in each other."""
     generator = np.random.default_rng([seed, len(kind)])
     size = generator.uniform(0.02, 0.15, (n, 3))
     if kind == "capsule":
-        size = np.stack([generator.uniform(0.01, 0.06, n), generator.uniform(0.01, 0.2, n), np.zeros(n)], axis=1)
+        size = np.stack(
+            [generator.uniform(0.01, 0.06, n), generator.uniform(0.01, 0.2, n), np.zeros(n)], axis=1
+        )
     elif kind == "cylinder":
         size[:, 2] = 0
     rotation = Rotation.random(n, random_state=generator).as_matrix()
@@ -96,7 +102,9 @@ def mujoco_distances(first: Bodies, second: Bodies | None) -> tuple[Floats, Floa
     for bodies in sides:
         for R, p, size in zip(bodies.rotation, bodies.center, bodies.size, strict=True):
             quaternion = Rotation.from_matrix(R).as_quat(scalar_first=True)
-            spec.worldbody.add_body(pos=p, quat=quaternion).add_geom(type=GEOM[bodies.kind], size=size)
+            spec.worldbody.add_body(pos=p, quat=quaternion).add_geom(
+                type=GEOM[bodies.kind], size=size
+            )
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
@@ -104,7 +112,9 @@ def mujoco_distances(first: Bodies, second: Bodies | None) -> tuple[Floats, Floa
     witness = np.zeros((n, 6))
     distance = np.array(
         [
-            mujoco.mj_geomDistance(model, data, 1 + i, 0 if second is None else 1 + n + i, MAXIMUM_DISTANCE, witness[i])
+            mujoco.mj_geomDistance(
+                model, data, 1 + i, 0 if second is None else 1 + n + i, MAXIMUM_DISTANCE, witness[i]
+            )
             for i in range(n)
         ]
     )
@@ -119,14 +129,18 @@ def point_distance(x: Floats, kind: str, size: Floats) -> Floats:
         excess = np.abs(x) - size
     else:
         excess = np.stack([np.hypot(x[:, 0], x[:, 1]) - size[0], np.abs(x[:, 2]) - size[1]], axis=1)
-    return np.where((excess > 0).any(1), np.linalg.norm(np.maximum(excess, 0), axis=1), excess.max(1))
+    return np.where(
+        (excess > 0).any(1), np.linalg.norm(np.maximum(excess, 0), axis=1), excess.max(1)
+    )
 
 
 def deepest_of_axis(capsules: Bodies, prisms: Bodies, samples: int = 801) -> Floats:
     """Least signed distance (n,) of each capsule's segment to its prism: sampled, then minimized between neighbors."""
     start, end = capsules.ends
     best = np.zeros(len(start))
-    for i, (a, b, R, p, size) in enumerate(zip(start, end, prisms.rotation, prisms.center, prisms.size, strict=True)):
+    for i, (a, b, R, p, size) in enumerate(
+        zip(start, end, prisms.rotation, prisms.center, prisms.size, strict=True)
+    ):
         a = (a - p) @ R
         b = (b - p) @ R
 
@@ -137,6 +151,8 @@ def deepest_of_axis(capsules: Bodies, prisms: Bodies, samples: int = 801) -> Flo
         values = at(t)
         k = int(values.argmin())
         bounds = (t[max(k - 1, 0)], t[min(k + 1, samples - 1)])
-        found = minimize_scalar(lambda t: at(t)[0], bounds=bounds, method="bounded", options={"xatol": 1e-12})
+        found = minimize_scalar(
+            lambda t: at(t)[0], bounds=bounds, method="bounded", options={"xatol": 1e-12}
+        )
         best[i] = min(values[k], found.fun)
     return best

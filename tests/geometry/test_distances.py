@@ -148,7 +148,9 @@ PRISMS = pytest.mark.parametrize(("a", "b"), COMBINATIONS)
 
 
 @cache
-def prism_case(a: str, b: str, spread: float = 0.1) -> tuple[Bodies, Bodies, Floats, Floats, Floats]:
+def prism_case(
+    a: str, b: str, spread: float = 0.1
+) -> tuple[Bodies, Bodies, Floats, Floats, Floats]:
     first = sample_bodies(a, PAIRS, 9, spread)
     second = sample_bodies(b, PAIRS, 10, spread)
     reference, normal = mujoco_distances(first, second)

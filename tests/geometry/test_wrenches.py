@@ -25,7 +25,9 @@ def assert_wrench_is_derivative(function: Callable[..., object], *bodies: Bodies
     compiled = jax.jit(function)
 
     def evaluate(*moved: Bodies) -> tuple[Floats, Floats]:
-        distance, wrench = compiled(*(argument for body in moved for argument in body.as_arguments()))
+        distance, wrench = compiled(
+            *(argument for body in moved for argument in body.as_arguments())
+        )
         return np.asarray(distance), np.stack(np.broadcast_arrays(*wrench), axis=-1)
 
     _, wrench = evaluate(*bodies)
@@ -37,7 +39,9 @@ def assert_wrench_is_derivative(function: Callable[..., object], *bodies: Bodies
             def quotient(step: float, side: int = side, twist: Floats = twist) -> Floats:
                 values = []
                 for amount in (step, -step):
-                    moved = [b.moved(twist, amount) if i == side else b for i, b in enumerate(bodies)]
+                    moved = [
+                        b.moved(twist, amount) if i == side else b for i, b in enumerate(bodies)
+                    ]
                     values.append(evaluate(*moved)[0])
                 return (values[0] - values[1]) / (2 * step)
 
@@ -47,13 +51,17 @@ def assert_wrench_is_derivative(function: Callable[..., object], *bodies: Bodies
             comparable += smooth.mean() / (6 * len(bodies))
             expected = (4 * half - whole) / 3
             ours = (1 - 2 * side) * wrench[:, axis]
-            np.testing.assert_allclose(ours[smooth], expected[smooth], rtol=TOLERANCE, atol=TOLERANCE)
+            np.testing.assert_allclose(
+                ours[smooth], expected[smooth], rtol=TOLERANCE, atol=TOLERANCE
+            )
     if comparable < 0.98:
         raise ValueError(f"only {comparable:.1%} of the entries lie away from kinks")
 
 
 def test_capsule_capsule() -> None:
-    assert_wrench_is_derivative(capsule_capsule, sample_bodies("capsule", PAIRS, 1), sample_bodies("capsule", PAIRS, 2))
+    assert_wrench_is_derivative(
+        capsule_capsule, sample_bodies("capsule", PAIRS, 1), sample_bodies("capsule", PAIRS, 2)
+    )
 
 
 def test_capsule_plane() -> None:

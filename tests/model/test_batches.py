@@ -27,7 +27,9 @@ MIXED = Examples(
     np.concatenate([ONE.scene, TWO.scene + len(ONE.scenes)]),
     *(np.concatenate([mine, theirs]) for mine, theirs in zip(ONE[2:], TWO[2:], strict=True)),
 )
-TABLE = build_scene_table(MIXED.scenes, stack_images([scene_images(scene, 8, 1) for scene in MIXED.scenes], 2))
+TABLE = build_scene_table(
+    MIXED.scenes, stack_images([scene_images(scene, 8, 1) for scene in MIXED.scenes], 2)
+)
 
 
 def test_every_step_finds_symbol_and_masks_of_its_action() -> None:
@@ -41,11 +43,17 @@ def test_every_step_finds_symbol_and_masks_of_its_action() -> None:
             action = TABLE.groundings[MIXED.scene[row]].actions[MIXED.actions[row, k]]
             name = action.arguments[2 if action.operator == "grasp" else 1]
             item = scene.objects[scene.object_index(name)]
-            words = (direction(word, item) if word in FACES else word for word in action.arguments if word != name)
+            words = (
+                direction(word, item) if word in FACES else word
+                for word in action.arguments
+                if word != name
+            )
             symbol = (action.operator, *words)
             assert SYMBOLS[batch.symbol[b, k]] == symbol
 
-            turn = item.yaw + (FACES.index(action.arguments[1]) * np.pi / 2 if action.operator == "grasp" else 0)
+            turn = item.yaw + (
+                FACES.index(action.arguments[1]) * np.pi / 2 if action.operator == "grasp" else 0
+            )
             normal = [np.cos(turn), np.sin(turn)] if action.operator == "grasp" else [0, 0]
             np.testing.assert_allclose(batch.normal[b, k], normal, atol=1e-6)
 
@@ -79,10 +87,20 @@ def test_mirrored_scenes_are_mirrored_views_with_mirrored_symbols() -> None:
 
     for row, (in_x, in_y) in enumerate(mirrored[MIXED.scene[rows]].astype(int)):
         np.testing.assert_array_equal(batch.symbol[row], MIRRORED[in_x, in_y, plain.symbol[row]])
-        np.testing.assert_array_equal(batch.normal[row], plain.normal[row] * [1 - 2 * in_x, 1 - 2 * in_y])
+        np.testing.assert_array_equal(
+            batch.normal[row], plain.normal[row] * [1 - 2 * in_x, 1 - 2 * in_y]
+        )
     np.testing.assert_array_equal(batch.view_mirrored, mirrored[batch.view_scene])
     assert not plain.view_mirrored.any()
-    for name in ("view_scene", "image_view", "image_pair", "image", "goal_image", "target", "weight"):
+    for name in (
+        "view_scene",
+        "image_view",
+        "image_pair",
+        "image",
+        "goal_image",
+        "target",
+        "weight",
+    ):
         np.testing.assert_array_equal(getattr(batch, name), getattr(plain, name))
 
 
@@ -91,7 +109,9 @@ def test_half_of_the_scenes_are_mirrored_along_either_axis_and_always_the_same()
     assert len(np.unique(draw_mirrored(48, 0, 7), axis=0)) == 4
 
 
-def test_classifier_learns_that_prefixes_of_feasible_sequences_are_and_refuted_ones_are_not() -> None:
+def test_classifier_learns_that_prefixes_of_feasible_sequences_are_and_refuted_ones_are_not() -> (
+    None
+):
     rows = np.arange(0, len(MIXED.scene), 7)
     refuted = np.where(MIXED.feasible, 0, 1 + np.arange(len(MIXED.scene)) % MIXED.length)
     batch = assemble_batch(MIXED._replace(refuted_after=refuted), TABLE, rows, "classifier")
@@ -118,7 +138,9 @@ def test_draw_depends_on_seed_and_step_alone() -> None:
 
 def test_batch_is_dealt_out_to_its_scenes_and_holds_enough_feasible() -> None:
     rows = without_solutions((0, 2, 3))
-    sampler = BatchSampler.from_examples(MIXED, np.random.default_rng(0).permutation(rows), 2, 48, 16)
+    sampler = BatchSampler.from_examples(
+        MIXED, np.random.default_rng(0).permutation(rows), 2, 48, 16
+    )
     for step in range(50):
         batch = sampler.draw(0, step)
         assert len(batch) == 48 and np.isin(batch, rows).all()
@@ -132,17 +154,27 @@ def test_batch_is_dealt_out_to_its_scenes_and_holds_enough_feasible() -> None:
 
 
 @pytest.mark.parametrize("stratified", [True, False])
-def test_others_are_drawn_evenly_by_the_number_of_actions_after_which_they_are_refuted(stratified: bool) -> None:
+def test_others_are_drawn_evenly_by_the_number_of_actions_after_which_they_are_refuted(
+    stratified: bool,
+) -> None:
     rows = np.arange(len(MIXED.scene))[MIXED.scene == 3]
     # Half of the longest are continuations of what was refuted after two actions.
-    refuted = np.where((MIXED.length == 3) & (np.arange(len(MIXED.scene)) % 2 == 0), 2, MIXED.refuted_after)
-    sampler = BatchSampler.from_examples(MIXED._replace(refuted_after=refuted), rows, 1, 48, 0, stratified)
+    refuted = np.where(
+        (MIXED.length == 3) & (np.arange(len(MIXED.scene)) % 2 == 0), 2, MIXED.refuted_after
+    )
+    sampler = BatchSampler.from_examples(
+        MIXED._replace(refuted_after=refuted), rows, 1, 48, 0, stratified
+    )
     drawn = np.concatenate([sampler.draw(0, step) for step in range(400)])
     kinds = 10 * refuted + MIXED.length
     kinds[MIXED.feasible] = 0
 
     share = {kind: np.mean(kinds[drawn] == kind) for kind in (0, 22, 23, 33)}
-    even = dict.fromkeys(share, 0.25) if stratified else {kind: np.mean(kinds[rows] == kind) for kind in share}
+    even = (
+        dict.fromkeys(share, 0.25)
+        if stratified
+        else {kind: np.mean(kinds[rows] == kind) for kind in share}
+    )
     assert sum(share.values()) == pytest.approx(1) and share == pytest.approx(even, abs=0.02)
 
     # Within a stratum all sequences are equally likely.
@@ -165,8 +197,12 @@ def test_fraction_of_ones_is_what_batches_hold_on_average(kind: Kind, least_feas
     rows = rows[~((MIXED.scene[rows] < 2) & (MIXED.length[rows] > 2))]
     sampler = BatchSampler.from_examples(MIXED, rows, 2, 48, least_feasible)
     examples = MIXED._replace(refuted_after=np.minimum(MIXED.refuted_after, 2))
-    batches = [assemble_batch(examples, TABLE, sampler.draw(0, step), kind) for step in range(1_000)]
-    share = sum(batch.target.sum() for batch in batches) / sum(batch.weight.sum() for batch in batches)
+    batches = [
+        assemble_batch(examples, TABLE, sampler.draw(0, step), kind) for step in range(1_000)
+    ]
+    share = sum(batch.target.sum() for batch in batches) / sum(
+        batch.weight.sum() for batch in batches
+    )
     assert abs(share - sampler.fraction_of_ones(examples, kind)) < 0.01
 
 
@@ -185,7 +221,10 @@ def test_held_out_scenes_stay_when_scenes_are_added() -> None:
     [
         ({"scene": MIXED.scene + 1}, "scene goes from 1 to 5; valid is 0 to 4"),
         ({"length": MIXED.length + 1}, "length goes from 3 to 4; valid is 1 to 3"),
-        ({"actions": np.where(MIXED.actions == 3, 24, MIXED.actions)}, "has action 24 at step 1; valid are 0 to 11"),
+        (
+            {"actions": np.where(MIXED.actions == 3, 24, MIXED.actions)},
+            "has action 24 at step 1; valid are 0 to 11",
+        ),
         ({"targets": MIXED.targets[:, :2]}, "targets has shape"),
         ({"scene": MIXED.scene[:0]}, "no labelled sequence"),
     ],

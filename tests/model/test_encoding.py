@@ -31,9 +31,17 @@ def test_symbols_do_not_depend_on_the_number_of_objects(number: int) -> None:
     codes = encode_actions(grounding, boxes(*names))
     assert set(codes.symbol) == set(range(12)) and len(codes.symbol) == 12 * number
     assert (actions_per_object(), tuples_per_object()) == (12, 2)
-    assert codes.pairs.shape == (2 * number, 2) and len({tuple(pair) for pair in codes.pairs}) == 2 * number
     assert (
-        len({(symbol, *codes.pairs[i]) for symbol, i in zip(codes.symbol, codes.tuple_index, strict=True)})
+        codes.pairs.shape == (2 * number, 2)
+        and len({tuple(pair) for pair in codes.pairs}) == 2 * number
+    )
+    assert (
+        len(
+            {
+                (symbol, *codes.pairs[i])
+                for symbol, i in zip(codes.symbol, codes.tuple_index, strict=True)
+            }
+        )
         == 12 * number
     )
 
@@ -43,7 +51,9 @@ def test_names_that_look_like_supports_and_arms() -> None:
     grounding = ground_actions(names, "goal", TRAINED_ARMS)
     codes = encode_actions(grounding, boxes(*names))
     goal_mask, zeros = 3, 4
-    for action, symbol, index in zip(grounding.actions, codes.symbol, codes.tuple_index, strict=True):
+    for action, symbol, index in zip(
+        grounding.actions, codes.symbol, codes.tuple_index, strict=True
+    ):
         pair = tuple(codes.pairs[index])
         if action.operator == "grasp":
             arm, face, name = action.arguments
@@ -57,7 +67,9 @@ def test_names_that_look_like_supports_and_arms() -> None:
 
 def test_order_of_actions_does_not_depend_on_names_or_goal() -> None:
     one = encode_actions(ground_actions(["a", "b"], "a", TRAINED_ARMS), boxes("a", "b"))
-    other = encode_actions(ground_actions(["zebra", "ape"], "ape", TRAINED_ARMS), boxes("zebra", "ape"))
+    other = encode_actions(
+        ground_actions(["zebra", "ape"], "ape", TRAINED_ARMS), boxes("zebra", "ape")
+    )
     assert all((mine == theirs).all() for mine, theirs in zip(one, other, strict=True))
 
 

@@ -43,12 +43,16 @@ def test_average_precision_is_its_definition(pairs: list[tuple[bool, int]]) -> N
 
 def test_average_precision_on_paper() -> None:
     # Ranks 1 and 3 of 4 are right: (1/1 + 2/3) / 2.
-    assert average_precision(np.array([1, 0, 1, 0], bool), np.array([4.0, 3, 2, 1])) == pytest.approx(5 / 6)
+    assert average_precision(
+        np.array([1, 0, 1, 0], bool), np.array([4.0, 3, 2, 1])
+    ) == pytest.approx(5 / 6)
 
 
 def test_greedy_sequences_take_the_best_of_the_predictor_at_each_step() -> None:
     examples = sided_examples(3, 5)
-    parameters = initial_parameters(NetworkConfig(image_size=16, channels=(2, 2, 2), dense=8, hidden=12), 1)
+    parameters = initial_parameters(
+        NetworkConfig(image_size=16, channels=(2, 2, 2), dense=8, hidden=12), 1
+    )
     images = [scene_images(scene, 16, 4) for scene in examples.scenes]
     table = build_scene_table(examples.scenes, stack_images(images, 2))
     predictor = Predictor(parameters, NetworkMetadata("dvr", parameters.config))

@@ -23,7 +23,9 @@ def random_parameters(config: NetworkConfig, seed: int = 0) -> NetworkParameters
     """With biases that are not zero."""
     parameters = initial_parameters(config, seed)
     generator = np.random.default_rng(seed)
-    return jax.tree.map(lambda leaf: leaf + generator.normal(0, 0.1, leaf.shape).astype("float32"), parameters)
+    return jax.tree.map(
+        lambda leaf: leaf + generator.normal(0, 0.1, leaf.shape).astype("float32"), parameters
+    )
 
 
 def convolve(
@@ -37,7 +39,10 @@ def convolve(
         # With an even size and stride 2 one row less is padded before than behind.
         before = (4 - (stride - 1)) // 2
         padded = np.pad(image, ((before, 4 - before), (before, 4 - before), (0, 0)))
-        plane = sum(correlate2d(padded[..., c], kernel[..., c, out], "valid") for c in range(image.shape[-1]))
+        plane = sum(
+            correlate2d(padded[..., c], kernel[..., c, out], "valid")
+            for c in range(image.shape[-1])
+        )
         planes.append(plane[::stride, ::stride] + bias[out])
     return np.maximum(np.stack(planes, axis=-1), 0)
 
@@ -53,7 +58,9 @@ def test_image_encoder_is_three_correlations_and_a_dense_layer(pooling: bool) ->
     dense = parameters.tree["image_dense"]
     expected = image.ravel() @ np.asarray(dense["kernel"], float) + np.asarray(dense["bias"], float)
     if pooling:
-        expected = expected + image.max((0, 1)) @ np.asarray(parameters.tree["pool_dense"]["kernel"], float)
+        expected = expected + image.max((0, 1)) @ np.asarray(
+            parameters.tree["pool_dense"]["kernel"], float
+        )
     np.testing.assert_allclose(np.asarray(code)[0], expected, rtol=1e-4, atol=1e-5)
 
 
@@ -82,12 +89,16 @@ def test_fast_encoder_is_the_network_on_whole_images_in_values_and_gradients(poo
 
     images = np.zeros((number, size, size, 3), np.float32)
     for image, which, pair in zip(images, view, pairs, strict=True):
-        channels = 16.0 * np.stack([height[scene[which]], *masks[scene[which], pair] / 255], axis=-1)
+        channels = 16.0 * np.stack(
+            [height[scene[which]], *masks[scene[which], pair] / 255], axis=-1
+        )
         in_x, in_y = mirrored[which]
         image[:] = channels[:: -1 if in_y else 1, :: -1 if in_x else 1]
 
     def plain(parameters: ParameterTree) -> tuple[jax.Array, jax.Array]:
-        codes: Any = Network(config).apply({"params": parameters}, jnp.asarray(images), method=Network.encode_images)
+        codes: Any = Network(config).apply(
+            {"params": parameters}, jnp.asarray(images), method=Network.encode_images
+        )
         return jnp.vdot(codes, target) / number, codes
 
     (_, mine), my_gradient = jax.jit(jax.value_and_grad(fast, has_aux=True))(parameters.tree)
@@ -120,7 +131,9 @@ def test_advance_is_a_gru_and_a_linear_layer() -> None:
     by_hand = (1 - update) * candidate + update * np.asarray(hidden, float)
     np.testing.assert_allclose(after, by_hand, atol=1e-5)
     output = parameters.tree["output"]
-    np.testing.assert_allclose(logit, (by_hand @ np.asarray(output["kernel"]) + output["bias"])[:, 0], atol=1e-5)
+    np.testing.assert_allclose(
+        logit, (by_hand @ np.asarray(output["kernel"]) + output["bias"])[:, 0], atol=1e-5
+    )
 
 
 @pytest.mark.parametrize("goal", [True, False])
@@ -139,15 +152,27 @@ def test_sequence_agrees_with_single_steps(goal: bool) -> None:
 
 
 def test_sizes_are_those_of_the_paper() -> None:
-    shapes = jax.tree.map(jnp.shape, initial_parameters(NetworkConfig(normals=False, pooling=False), 0).tree)
-    assert [shapes[f"convolutions_{i}"]["kernel"] for i in range(3)] == [(5, 5, 3, 5), (5, 5, 5, 10), (5, 5, 10, 10)]
+    shapes = jax.tree.map(
+        jnp.shape, initial_parameters(NetworkConfig(normals=False, pooling=False), 0).tree
+    )
+    assert [shapes[f"convolutions_{i}"]["kernel"] for i in range(3)] == [
+        (5, 5, 3, 5),
+        (5, 5, 5, 10),
+        (5, 5, 10, 10),
+    ]
     assert shapes["image_dense"]["kernel"] == (16 * 16 * 10, 100) and "pool_dense" not in shapes
     assert shapes["symbol_dense"]["kernel"] == (12, 100)
-    assert shapes["cell"]["in"]["kernel"] == (300, 300) and shapes["cell"]["hn"]["kernel"] == (300, 300)
+    assert shapes["cell"]["in"]["kernel"] == (300, 300) and shapes["cell"]["hn"]["kernel"] == (
+        300,
+        300,
+    )
     assert shapes["output"]["kernel"] == (300, 1)
     classifier = initial_parameters(NetworkConfig(goal=False), 0).tree
     assert classifier["cell"]["in"]["kernel"].shape == (200, 300)
-    assert classifier["symbol_dense"]["kernel"].shape == (12 + 2, 100)  # beyond the paper: a face's normal
+    assert classifier["symbol_dense"]["kernel"].shape == (
+        12 + 2,
+        100,
+    )  # beyond the paper: a face's normal
 
 
 def test_parameters_are_single_precision_whatever_the_default() -> None:

@@ -24,7 +24,9 @@ from dvr_jax.scene.camera import empty_depth, render_depth
 from dvr_jax.scene.sampling import SceneDistribution, sample_scenes
 from dvr_jax.shapes import FACES
 
-PARAMETERS = initial_parameters(NetworkConfig(image_size=16, channels=(2, 3, 3), dense=9, hidden=13), 4)
+PARAMETERS = initial_parameters(
+    NetworkConfig(image_size=16, channels=(2, 3, 3), dense=9, hidden=13), 4
+)
 PREDICTOR = Predictor(PARAMETERS, NetworkMetadata("dvr", PARAMETERS.config))
 SPARSE = SceneDistribution(wide_side=(0.05, 0.08))
 
@@ -49,12 +51,22 @@ def test_steps_are_the_network_on_the_actions_images(number: int) -> None:
         action = encoding.grounding.actions[index]
         name = action.arguments[2 if action.operator == "grasp" else 1]
         item = scene.objects[scene.object_index(name)]
-        words = (direction(word, item) if word in FACES else word for word in action.arguments if word != name)
+        words = (
+            direction(word, item) if word in FACES else word
+            for word in action.arguments
+            if word != name
+        )
         symbol = SYMBOLS.index((action.operator, *words))
 
-        image = encode(scene.object_index(name), number if action.arguments[-1] == "goal" else number + 1)
-        turn = item.yaw + (FACES.index(action.arguments[1]) * np.pi / 2 if action.operator == "grasp" else 0)
-        normal = jnp.array([[np.cos(turn), np.sin(turn)]], jnp.float32) * (action.operator == "grasp")
+        image = encode(
+            scene.object_index(name), number if action.arguments[-1] == "goal" else number + 1
+        )
+        turn = item.yaw + (
+            FACES.index(action.arguments[1]) * np.pi / 2 if action.operator == "grasp" else 0
+        )
+        normal = jnp.array([[np.cos(turn), np.sin(turn)]], jnp.float32) * (
+            action.operator == "grasp"
+        )
         word = network.apply(variables, jnp.array([symbol]), normal, method=Network.encode_symbols)
 
         logit, theirs = network.apply(variables, theirs, word, image, goal, method=Network.advance)
@@ -72,12 +84,16 @@ def test_images_of_another_camera_take_the_place_of_the_rendered_ones() -> None:
         return predictor.predict(encoding, encoding.initial_hidden(24), range(24))[0]
 
     def answer_to(depth: Float[np.ndarray, "height width"]) -> Float[np.ndarray, " actions"]:
-        return answer(replace(PREDICTOR, images=depth_images(scene, replace(seen, depth=depth), 16)))
+        return answer(
+            replace(PREDICTOR, images=depth_images(scene, replace(seen, depth=depth), 16))
+        )
 
     np.testing.assert_array_equal(answer_to(seen.depth), answer(PREDICTOR))
     empty = empty_depth(scene.workcell, 64, 64)
     assert not np.array_equal(answer_to(empty), answer(PREDICTOR))
-    np.testing.assert_array_equal(answer_to(np.full((64, 64), np.nan, np.float32)), answer_to(empty))
+    np.testing.assert_array_equal(
+        answer_to(np.full((64, 64), np.nan, np.float32)), answer_to(empty)
+    )
     with pytest.raises(DvrError, match=r"\(8, 8\).*valid.*\(16, 16\)"):
         answer(replace(PREDICTOR, images=scene_images(scene, 8, 1)))
     with pytest.raises(DvrError, match=r"\(64, 63\).*valid.*\(64, 64\)"):
@@ -129,8 +145,12 @@ def test_few_shapes_are_compiled_and_images_encoded_once(monkeypatch: pytest.Mon
 
 
 def test_classifier_needs_no_goal(tmp_path: Path) -> None:
-    parameters = initial_parameters(NetworkConfig(image_size=16, channels=(1, 1, 1), dense=4, hidden=5, goal=False), 0)
-    export_network(tmp_path / "network.npz", parameters, NetworkMetadata("classifier", parameters.config))
+    parameters = initial_parameters(
+        NetworkConfig(image_size=16, channels=(1, 1, 1), dense=4, hidden=5, goal=False), 0
+    )
+    export_network(
+        tmp_path / "network.npz", parameters, NetworkMetadata("classifier", parameters.config)
+    )
     predictor = Predictor.load(tmp_path / "network.npz")
     assert predictor.kind == "classifier"
     encoding = predictor.encode_scene(next(sample_scenes(1, 1, 0)))
@@ -151,5 +171,7 @@ def test_the_shipped_network_is_read_once() -> None:
     assert load_network("dvr") is load_network("dvr") is Predictor.shipped("dvr")
     with pytest.raises(DvrError, match="no network of the kind 'oracle' is shipped"):
         Predictor.shipped("oracle")
-    with pytest.raises(DvrError, match=r"dvr\.npz holds a network of the kind 'dvr'; valid is 'classifier'"):
+    with pytest.raises(
+        DvrError, match=r"dvr\.npz holds a network of the kind 'dvr'; valid is 'classifier'"
+    ):
         load_network("classifier", SHIPPED / "dvr.npz")

@@ -35,12 +35,16 @@ class World:
             initial_pose=generator.uniform(-1, 1, (4, N, L)),
             half_height=generator.uniform(0.01, 0.2, (N, L)),
         )
-        self.hand_R = Rotation.random(arms * L, random_state=seed).as_matrix().reshape(arms, L, 3, 3)
+        self.hand_R = (
+            Rotation.random(arms * L, random_state=seed).as_matrix().reshape(arms, L, 3, 3)
+        )
         self.hand_p = generator.uniform(-1, 1, (arms, L, 3))
         self.hands = HandPoses(self.hand_R.transpose(3, 2, 0, 1), self.hand_p.transpose(2, 0, 1))
 
     def poses(self, attached: Attachment | None = None) -> ObjectPoses:
-        return jax.tree.map(np.asarray, compiled_poses(self.attached if attached is None else attached, self.hands))
+        return jax.tree.map(
+            np.asarray, compiled_poses(self.attached if attached is None else attached, self.hands)
+        )
 
     def each(self):
         """Object, slice, and its kind."""
@@ -67,7 +71,9 @@ class World:
         m = attached.parameters[:, n, index]
         kind = attached.kind[n, index]
         if kind == ModeKind.PLACED:
-            return Rotation.from_euler("z", m[2]), np.array([m[0], m[1], attached.half_height[n, index]])
+            return Rotation.from_euler("z", m[2]), np.array(
+                [m[0], m[1], attached.half_height[n, index]]
+            )
         if kind != ModeKind.HELD:
             x, y, z, yaw = attached.initial_pose[:, n, index]
             return Rotation.from_euler("z", yaw), np.array([x, y, z])
@@ -135,11 +141,15 @@ def test_twists_are_the_differences(world: World) -> None:
     poses = world.poses()
     for parameter in range(PARAMETERS):
         ahead, behind = (
-            world.poses(world.attached._replace(parameters=world.attached.parameters + sign * STEP * one))
+            world.poses(
+                world.attached._replace(parameters=world.attached.parameters + sign * STEP * one)
+            )
             for sign, one in ((s, np.eye(PARAMETERS)[parameter][:, None, None]) for s in (1, -1))
         )
         for n, index, _ in world.each():
-            after, before = (Rotation.from_matrix(side.rotation[:, :, n, index].T) for side in (ahead, behind))
+            after, before = (
+                Rotation.from_matrix(side.rotation[:, :, n, index].T) for side in (ahead, behind)
+            )
             angular = (after * before.inv()).as_rotvec() / (2 * STEP)
             moved = (ahead.position - behind.position)[:, n, index] / (2 * STEP)
             linear = moved - np.cross(angular, poses.position[:, n, index])

@@ -63,7 +63,9 @@ def evaluate(model: WorkcellModel, problems: Problem, x: Variables) -> Results:
 
 def evaluate_rows(model: WorkcellModel, problems: Problem, x: Variables) -> dict[str, Floats]:
     """Rows alone, for central differences."""
-    evaluations = constraints_program(model, problems, x, measure_program(model, lay_out_program(problems, x)))
+    evaluations = constraints_program(
+        model, problems, x, measure_program(model, lay_out_program(problems, x))
+    )
     return {name: np.asarray(evaluation.rows) for name, evaluation in evaluations.items()}
 
 
@@ -152,7 +154,9 @@ def side_by_side() -> Evaluated:
     return Evaluated(make_case(steps=2, repeats=3, seed=0, setting=SIDE_BY_SIDE))
 
 
-@pytest.fixture(scope="session", params=["keyframes", "path", "fixed_bodies", "single_arm", "side_by_side"])
+@pytest.fixture(
+    scope="session", params=["keyframes", "path", "fixed_bodies", "single_arm", "side_by_side"]
+)
 def evaluated(request: pytest.FixtureRequest) -> Evaluated:
     return request.getfixturevalue(request.param)
 

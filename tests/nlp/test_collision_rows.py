@@ -31,7 +31,9 @@ def counted(evaluated) -> Floats:
     pairs = body_pairs(scene)
     objects = [object_body_name(item.name) for item in scene.objects]
     fixed = dict.fromkeys((fixed_body_name(body.name) for body in scene.fixed), ModeKind.FIXED)
-    holding = [scene.workcell.robot.capsules.names[c] for c in scene.workcell.robot.holding_capsules]
+    holding = [
+        scene.workcell.robot.capsules.names[c] for c in scene.workcell.robot.holding_capsules
+    ]
     B, T = case.batch, case.number_of_samples
     counts = np.ones((B, T, len(pairs)), bool)
     for b, t in product(range(B), range(T)):
@@ -45,7 +47,9 @@ def counted(evaluated) -> Floats:
             elif kind[second] == ModeKind.HELD:
                 arm, capsule = first.split("/")
                 holder = scene.workcell.arm_names[parent[second]]
-                counts[b, t, row] = not (arm == holder and capsule.removesuffix("_collision") in holding)
+                counts[b, t, row] = not (
+                    arm == holder and capsule.removesuffix("_collision") in holding
+                )
     return counts
 
 
@@ -54,7 +58,9 @@ def test_number_of_rows(evaluated) -> None:
     expected = len(arm_pairs(scene.workcell)) + len(body_pairs(scene))
     assert evaluated.arm_rows == len(arm_pairs(scene.workcell))
     assert evaluated.distance.shape[-1] == expected
-    assert number_of_rows(evaluated.model.structure, len(scene.objects), len(scene.fixed)) == expected
+    assert (
+        number_of_rows(evaluated.model.structure, len(scene.objects), len(scene.fixed)) == expected
+    )
 
 
 def test_arm_rows(replay: Replay, evaluated) -> None:
@@ -97,12 +103,19 @@ def test_rows_that_do_not_count(evaluated, measured: BodyRows) -> None:
 def test_held_objects_and_table(measured: BodyRows) -> None:
     where = measured.counts & measured.is_table
     assert where.sum() > 10
-    np.testing.assert_allclose(measured.ours[where], measured.expected[where], rtol=RELATIVE, atol=ABSOLUTE)
+    np.testing.assert_allclose(
+        measured.ours[where], measured.expected[where], rtol=RELATIVE, atol=ABSOLUTE
+    )
 
 
 def compare_capsules(measured: BodyRows, of_fixed: bool) -> tuple[int, int]:
     """Compare rows of capsules; returns how many of them are near, and how many far."""
-    where = measured.counts & measured.is_capsule & (measured.expected > 0) & (measured.is_fixed == of_fixed)
+    where = (
+        measured.counts
+        & measured.is_capsule
+        & (measured.expected > 0)
+        & (measured.is_fixed == of_fixed)
+    )
     ours, expected = measured.ours[where], measured.expected[where]
     near = ours < NEAR
     np.testing.assert_allclose(ours[near], expected[near], rtol=RELATIVE, atol=ABSOLUTE)
@@ -125,7 +138,12 @@ def test_capsules_and_fixed_bodies(measured: BodyRows) -> None:
 
 def compare_bodies(measured: BodyRows, of_fixed: bool) -> Floats:
     """Never more than the distance, and of its sign; returns which of the rows are equal to it."""
-    where = measured.counts & ~measured.is_capsule & ~measured.is_table & (measured.is_fixed == of_fixed)
+    where = (
+        measured.counts
+        & ~measured.is_capsule
+        & ~measured.is_table
+        & (measured.is_fixed == of_fixed)
+    )
     ours, expected = measured.ours[where], measured.expected[where]
     assert (expected < 0.2).sum() >= 5
     assert (ours <= expected + ABSOLUTE).all()
@@ -155,7 +173,9 @@ def test_switches(replay: Replay, evaluated) -> None:
     for b, k in product(range(B), range(K)):
         replay.go(b, evaluated.switch_sample(k))
         n = case.problems.switched_object[b, k]
-        (R_old, p_old), (R_new, p_new) = (pose_in_mode(case, b, phase, n, replay.hands()) for phase in (k, k + 1))
+        (R_old, p_old), (R_new, p_new) = (
+            pose_in_mode(case, b, phase, n, replay.hands()) for phase in (k, k + 1)
+        )
         np.testing.assert_allclose(rows[b, k, :3], p_old - p_new, atol=1e-12)
         distances[b, k] = np.linalg.norm(p_old - p_new)
         turn = Rotation.from_matrix(R_old @ R_new.T)
@@ -184,7 +204,9 @@ def test_footprints(evaluated) -> None:
         corners = np.array([[sx * hx, sy * hy] for sx in (-1, 1) for sy in (-1, 1)])
         world = Rotation.from_euler("z", yaw).as_matrix()[:2, :2] @ corners.T + np.array([[x], [y]])
         cx, cy, support_yaw, sx, sy = case.problems.support[b, k]
-        local = Rotation.from_euler("z", -support_yaw).as_matrix()[:2, :2] @ (world - np.array([[cx], [cy]]))
+        local = Rotation.from_euler("z", -support_yaw).as_matrix()[:2, :2] @ (
+            world - np.array([[cx], [cy]])
+        )
         low, high = local.min(1) - r, local.max(1) + r
         expected = [high[0] - sx, high[1] - sy, -sx - low[0], -sy - low[1]]
         np.testing.assert_allclose(rows[b, k], expected, atol=1e-12)
@@ -208,7 +230,14 @@ def stretched(workcell: Workcell, generator: np.random.Generator) -> Floats:
     return np.clip(angles, *workcell.robot.joint_limits)
 
 
-TOUCHING = {"facing": 65, "facing-1.0": 90, "facing-1.6": 60, "facing-0.6": 100, "side-by-side": 95, "single": 18}
+TOUCHING = {
+    "facing": 65,
+    "facing-1.0": 90,
+    "facing-1.6": 60,
+    "facing-0.6": 100,
+    "side-by-side": 95,
+    "single": 18,
+}
 """How many rows touch at least at the sampled postures; there are 98, 123, 98, 128, 125 and 25."""
 
 
@@ -219,7 +248,9 @@ def test_arms_never_touch_in_pairs_without_a_row(name: str) -> None:
     item = SceneObject("box", "box", (0.05, 0.05, 0.05), (0.0, 0.6), 0.0)
     scene = Scene((item,), OnRegion("box", Region((0, 0), 0, (0.2, 0.2))), workcell)
     model = build_replay_model(scene)
-    rows = {frozenset((first, second.replace("top", "table"))) for first, second in arm_pairs(workcell)}
+    rows = {
+        frozenset((first, second.replace("top", "table"))) for first, second in arm_pairs(workcell)
+    }
 
     generator, layout = np.random.default_rng(0), qpos_layout(scene)
     data = build_home_data(model)
@@ -270,7 +301,10 @@ def test_reach_bounds_every_capsule(name: str) -> None:
                 geom = data.geom(capsule)
                 radius, half = model.geom(capsule).size[:2]
                 axis = geom.xmat.reshape(3, 3)[:, 2] * half
-                ends = [geom.xpos + axis - [*arm.position, 0], geom.xpos - axis - [*arm.position, 0]]
+                ends = [
+                    geom.xpos + axis - [*arm.position, 0],
+                    geom.xpos - axis - [*arm.position, 0],
+                ]
                 farthest[c] = max(farthest[c], *(np.hypot(*end[:2]) + radius for end in ends))
     assert (farthest <= robot.capsule_reach + 1e-9).all()
     # The bound is no blunt one: stretched arms come near it.

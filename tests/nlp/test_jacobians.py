@@ -23,14 +23,20 @@ class Compared:
     def __init__(self, analytic: Floats, whole: Floats, half: Floats) -> None:
         self.comparable = np.abs(whole - half) < TOLERANCE
         if self.comparable.mean() < 0.98:
-            raise ValueError(f"only {self.comparable.mean():.1%} of the entries lie away from kinks")
+            raise ValueError(
+                f"only {self.comparable.mean():.1%} of the entries lie away from kinks"
+            )
         expected = (4 * half - whole) / 3
         self.analytic = analytic
-        self.wrong = self.comparable & (np.abs(analytic - expected) > TOLERANCE * np.maximum(1, np.abs(expected)))
+        self.wrong = self.comparable & (
+            np.abs(analytic - expected) > TOLERANCE * np.maximum(1, np.abs(expected))
+        )
 
     def require_all(self, where: Floats | bool = True) -> None:
         wrong = self.wrong & where
-        assert not wrong.any(), f"{wrong.sum()} of {wrong.size} entries, first at {np.argwhere(wrong)[:5].tolist()}"
+        assert not wrong.any(), (
+            f"{wrong.sum()} of {wrong.size} entries, first at {np.argwhere(wrong)[:5].tolist()}"
+        )
 
 
 def differences(evaluated, kind: str, index: tuple[object, ...]) -> tuple[Rows, Rows]:
@@ -45,7 +51,10 @@ def differences(evaluated, kind: str, index: tuple[object, ...]) -> tuple[Rows, 
 def stacked(columns: list[tuple[Rows, Rows]], *axes: int) -> tuple[Rows, Rows]:
     """Quotients of all columns, the columns' axes first."""
     whole, half = (
-        {name: np.stack([rows[name] for rows in side]).reshape(*axes, *side[0][name].shape) for name in side[0]}
+        {
+            name: np.stack([rows[name] for rows in side]).reshape(*axes, *side[0][name].shape)
+            for name in side[0]
+        }
         for side in zip(*columns, strict=True)
     )
     return whole, half
@@ -54,7 +63,9 @@ def stacked(columns: list[tuple[Rows, Rows]], *axes: int) -> tuple[Rows, Rows]:
 def all_joints(evaluated) -> tuple[Rows, Rows]:
     """Derivatives by each joint, joint axis first; moved in all slices at once, as rows of a slice know its own."""
     D = evaluated.joints
-    return stacked([differences(evaluated, "q", (slice(None), slice(None), j)) for j in range(D)], D)
+    return stacked(
+        [differences(evaluated, "q", (slice(None), slice(None), j)) for j in range(D)], D
+    )
 
 
 def all_parameters(evaluated) -> tuple[Rows, Rows]:
@@ -94,11 +105,15 @@ def groups(evaluated) -> dict[str, slice]:
 
 
 def compare_joints(evaluated, by_joint: tuple[Rows, Rows], group: str) -> Compared:
-    analytic = np.moveaxis(evaluated.results.distance_jacobian[:, :, : evaluated.joints], 2, 0).copy()
+    analytic = np.moveaxis(
+        evaluated.results.distance_jacobian[:, :, : evaluated.joints], 2, 0
+    ).copy()
     # By the joints at the sample; those before the first slice lie between it and the home posture, which was not
     # moved.
     case = evaluated.case
-    fractions = [[case.fraction(b, sample) for sample in range(case.samples)] for b in range(case.batch)]
+    fractions = [
+        [case.fraction(b, sample) for sample in range(case.samples)] for b in range(case.batch)
+    ]
     analytic[:, :, : case.samples] *= np.array(fractions)[..., None]
     part = groups(evaluated)[group]
     return Compared(analytic[..., part], *(-side["collision"][..., part] for side in by_joint))
@@ -137,7 +152,9 @@ def test_distances_by_parameters(evaluated, by_parameter, group: str) -> None:
     compared = compare_parameters(evaluated, by_parameter, group)
     compared.require_all()
     assert np.abs(compared.analytic).max() > 0.1 or group == "arm"
-    assert not evaluated.results.distance_jacobian[:, :, evaluated.joints :, : evaluated.arm_rows].any()
+    assert not evaluated.results.distance_jacobian[
+        :, :, evaluated.joints :, : evaluated.arm_rows
+    ].any()
 
 
 def test_capsules_and_objects(evaluated, by_joint, by_parameter) -> None:
@@ -166,7 +183,9 @@ def test_capsules_and_fixed_bodies(evaluated, by_joint, by_parameter) -> None:
     assert not compared.analytic.any()
 
 
-def require_faces(evaluated, by_joint: tuple[Rows, Rows], by_parameter: tuple[Rows, Rows], group: str) -> None:
+def require_faces(
+    evaluated, by_joint: tuple[Rows, Rows], by_parameter: tuple[Rows, Rows], group: str
+) -> None:
     """Where a face is nearest (past corners `prism_prism` is inexact: tests/geometry/test_wrenches.py)."""
     scene = evaluated.case.setting.scene
     part = groups(evaluated)[group]
@@ -234,7 +253,9 @@ def test_switches_by_parameters(evaluated, by_parameter) -> None:
             for side in range(2):
                 action = case.problems.mode_action[b, k + side, n]
                 analytic[action, :, b, k] += by_own[b, k, :, side].T
-    Compared(analytic, *(side["mode_switch"] for side in by_parameter)).require_all(in_half_turn(evaluated))
+    Compared(analytic, *(side["mode_switch"] for side in by_parameter)).require_all(
+        in_half_turn(evaluated)
+    )
     assert np.abs(analytic).max() > 0.5
 
 

@@ -1,4 +1,4 @@
-"""Slices in chunks, and what their distances add to the Gauss-Newton matrix."""
+"""Distances of slices, and what they add to the Gauss-Newton matrix."""
 
 from dataclasses import replace
 from functools import cache, partial
@@ -9,41 +9,13 @@ import numpy as np
 import pytest
 
 from dvr_jax.geometry.capsule_prism import capsule_prism
-from dvr_jax.modes.mode import Attachment
-from dvr_jax.nlp.collision_distances import FAR, NEAR, Bodies
+from dvr_jax.nlp.collision_distances import FAR, NEAR
 from dvr_jax.nlp.collision_rows import arm_row_signs
 from dvr_jax.nlp.layout import lay_out
 from dvr_jax.nlp.slices import ACTIVE_ROWS, Slices, distance_jacobian, measure, reduce_slices
 from dvr_jax.runtime import batch_sizes as batch_sizes
 from dvr_jax.runtime.batch_sizes import ACCELERATOR, CPU, BatchSizes
 from dvr_jax.runtime.compilation import CPU_OPTIONS
-from dvr_jax.solver.iteration import cut_into_chunks
-from dvr_jax.workcell.kinematics import BasePoses
-
-
-@pytest.mark.parametrize("number", [1, 60, 61, 150, 180, 181, 210, 430])
-def test_chunks_hold_all_slices_in_their_order(number: int) -> None:
-    index = np.arange(float(number))
-
-    def of_shape(*shape: int) -> np.ndarray:
-        return np.broadcast_to(index, (*shape, number))
-
-    count = np.broadcast_to(np.arange(number), (3, number))
-    slices = Slices(
-        q=of_shape(7, 2),
-        finger_opening=of_shape(2),
-        bases=BasePoses(of_shape(3, 3, 2), of_shape(3, 2)),
-        attached=Attachment(count, count, of_shape(4, 3), of_shape(3), of_shape(4, 3), of_shape(3)),
-        prism=of_shape(4, 3),
-        fixed=Bodies(of_shape(3, 3, 1), of_shape(3, 1), of_shape(4, 1)),
-    )
-    chunks = cut_into_chunks(slices)
-    sizes = {leaf.shape[-1] for leaf in jax.tree.leaves(chunks)}
-    assert len(sizes) == 1 and len(chunks) == -(-number // CPU.largest_chunk)
-    assert sizes.pop() in range(CPU.chunk, CPU.largest_chunk + 1, CPU.chunk)
-    for leaves in zip(*map(jax.tree.leaves, chunks), strict=True):
-        joined = np.concatenate(leaves, axis=-1)
-        np.testing.assert_array_equal(joined[..., :number], np.broadcast_to(index, (*joined.shape[:-1], number)))
 
 
 def compiled(function: Any) -> Any:
@@ -70,8 +42,14 @@ def near_and_exact(model: Any, geometry: Any) -> tuple[np.ndarray, np.ndarray]:
     """Distances (N + F, A C, L) of bodies and capsules as measured, and those of all pairs one by one."""
     R, p, prism = geometry.contacts.bodies
     segments = geometry.contacts.segments
-    a, b, radii = segments.start, segments.end, np.tile(model.capsule_radii, model.structure.number_of_arms)[:, None]
-    exact, _ = jax.jit(capsule_prism)(a[:, None], b[:, None], radii, R[:, :, :, None], p[:, :, None], prism[:, :, None])
+    a, b, radii = (
+        segments.start,
+        segments.end,
+        np.tile(model.capsule_radii, model.structure.number_of_arms)[:, None],
+    )
+    exact, _ = jax.jit(capsule_prism)(
+        a[:, None], b[:, None], radii, R[:, :, :, None], p[:, :, None], prism[:, :, None]
+    )
     first = arm_row_signs(model.structure).shape[1]
     ours = np.asarray(geometry.distance)[:, first : first + exact.shape[0] * exact.shape[1]]
     return ours.T.reshape(exact.shape), np.asarray(exact)
@@ -98,8 +76,12 @@ def test_a_slices_distances_do_not_depend_on_its_neighbours(crowd: tuple[Any, Sl
     model, slices = crowd
     together = np.asarray(compiled(measure)(model, slices).distance)
     for index in (1, 2):
-        alone = jax.tree.map(lambda leaf, i=index: np.repeat(leaf[..., [i]], leaf.shape[-1], axis=-1), slices)
-        np.testing.assert_array_equal(np.asarray(compiled(measure)(model, alone).distance)[index], together[index])
+        alone = jax.tree.map(
+            lambda leaf, i=index: np.repeat(leaf[..., [i]], leaf.shape[-1], axis=-1), slices
+        )
+        np.testing.assert_array_equal(
+            np.asarray(compiled(measure)(model, alone).distance)[index], together[index]
+        )
 
 
 def active_rows(geometry: Any, number: int, most: int) -> tuple[np.ndarray, np.ndarray]:
@@ -119,7 +101,11 @@ def active_rows(geometry: Any, number: int, most: int) -> tuple[np.ndarray, np.n
 @pytest.mark.parametrize("groups", [3, CPU.active_groups, ACCELERATOR.active_groups])
 @pytest.mark.parametrize("name", ["path", "fixed_bodies", "single_arm"])
 def test_sums_are_those_of_all_rows(
-    name: str, number: int, groups: int, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+    name: str,
+    number: int,
+    groups: int,
+    request: pytest.FixtureRequest,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     if name != "path" and groups != CPU.active_groups:
         pytest.skip("other sizes of passes are compiled for one case only")
@@ -130,8 +116,12 @@ def test_sums_are_those_of_all_rows(
     estimate, penalty = active_rows(geometry, number, min(number, ACTIVE_ROWS))
     ours = compiled(reduce_slices)(model, geometry, estimate, penalty)
     J = evaluated.results.distance_jacobian.reshape(L, -1, P)
-    np.testing.assert_allclose(ours.matrix, np.einsum("lip,lp,ljp->lij", J, penalty, J), rtol=1e-10, atol=1e-10)
-    np.testing.assert_allclose(ours.gradient, -np.einsum("lip,lp->li", J, estimate), rtol=1e-10, atol=1e-10)
+    np.testing.assert_allclose(
+        ours.matrix, np.einsum("lip,lp,ljp->lij", J, penalty, J), rtol=1e-10, atol=1e-10
+    )
+    np.testing.assert_allclose(
+        ours.gradient, -np.einsum("lip,lp->li", J, estimate), rtol=1e-10, atol=1e-10
+    )
     assert (np.abs(ours.gradient).max() > 0) == (number > 0)
 
 
@@ -142,13 +132,18 @@ def test_chosen_rows_have_the_derivatives_of_all_rows(path: Any) -> None:
     rows = np.random.default_rng(0).integers(P, size=(L, 7))
     chosen = compiled(distance_jacobian)(path.model, geometry, rows)
     J = path.results.distance_jacobian.reshape(L, -1, P)
-    np.testing.assert_allclose(chosen, np.take_along_axis(J, rows[:, None], axis=2), rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(
+        chosen, np.take_along_axis(J, rows[:, None], axis=2), rtol=1e-12, atol=1e-12
+    )
 
 
 def test_a_slices_sums_do_not_depend_on_its_neighbours(path: Any) -> None:
     geometry = path.results.geometry
     middle = np.arange(len(geometry.distance)) == len(geometry.distance) // 2
-    few, many = (compiled(reduce_slices)(path.model, geometry, *active_rows(geometry, number, 3)) for number in (3, 40))
+    few, many = (
+        compiled(reduce_slices)(path.model, geometry, *active_rows(geometry, number, 3))
+        for number in (3, 40)
+    )
     for ours, theirs in zip(few, many, strict=True):
         np.testing.assert_array_equal(np.asarray(ours)[~middle], np.asarray(theirs)[~middle])
         assert (np.asarray(ours)[middle] != np.asarray(theirs)[middle]).any()

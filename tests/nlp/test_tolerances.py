@@ -47,7 +47,9 @@ def measure_all(model: WorkcellModel, problems: Problem, x: Variables) -> SliceG
     return measure_program(model, lay_out_program(problems, x))
 
 
-def judge(model: WorkcellModel, problems: Problem, x: Variables, geometry: SliceGeometry) -> Violations:
+def judge(
+    model: WorkcellModel, problems: Problem, x: Variables, geometry: SliceGeometry
+) -> Violations:
     return violations_of(constraints_program(model, problems, x, geometry))
 
 
@@ -74,7 +76,9 @@ class Point:
             geometry.distance[1, 5] = np.nan
         if self.broken == "hand":
             geometry.hands.position[0, 0, 1] = np.nan
-        return jax.tree.map(lambda value: np.asarray(value)[0], judge(self.model, problems, x, geometry))
+        return jax.tree.map(
+            lambda value: np.asarray(value)[0], judge(self.model, problems, x, geometry)
+        )
 
     def with_problem(self, **changes: np.ndarray) -> "Point":
         return replace(self, problem=self.problem._replace(**changes))
@@ -101,12 +105,21 @@ def good() -> Point:
 
     # At face +x the fingers close along the box's own x.
     yaw = float(np.arctan2(R[1, 1], R[0, 1]))
-    pose, prism, support, m = path.initial_pose.copy(), path.prism.copy(), path.support.copy(), x.m.copy()
+    pose, prism, support, m = (
+        path.initial_pose.copy(),
+        path.prism.copy(),
+        path.support.copy(),
+        x.m.copy(),
+    )
     pose[0] = [*center, yaw]
     prism[0, 2] = center[2]
     m[1, :3] = [center[0], center[1], yaw]
     support[1] = [center[0], center[1], yaw, prism[0, 0] + ROOM, prism[0, 1] + ROOM]
-    return Point(FACING.model, path._replace(initial_pose=pose, prism=prism, support=support), x._replace(m=m))
+    return Point(
+        FACING.model,
+        path._replace(initial_pose=pose, prism=prism, support=support),
+        x._replace(m=m),
+    )
 
 
 def violate(point: Point, kind: str, amount: float) -> Point:
@@ -198,7 +211,12 @@ def test_keyframes_need_not_rest(good: Point) -> None:
     point = replace(good, x=good.x._replace(q=q)).with_problem(
         **{
             name: getattr(good.problem, name)[::STEPS]
-            for name in ("regularization_target", "regularization_weight", "sample_fraction", "sample_offset")
+            for name in (
+                "regularization_target",
+                "regularization_weight",
+                "sample_fraction",
+                "sample_offset",
+            )
         }
     )
     violations = point.violations()

@@ -66,7 +66,14 @@ def test_arms_at_rest(handover: Problem) -> None:
 
 def test_openings(handover: Problem) -> None:
     """Open when empty, else half the object's width along the closing axis: 5 cm at +x, 16 cm at -y, the can 7 cm."""
-    expected = [[0.04, 0.04], [0.025, 0.04], [0.04, 0.08], [0.04, 0.04], [0.035, 0.04], [0.04, 0.04]]
+    expected = [
+        [0.04, 0.04],
+        [0.025, 0.04],
+        [0.04, 0.08],
+        [0.04, 0.04],
+        [0.035, 0.04],
+        [0.04, 0.04],
+    ]
     np.testing.assert_allclose(handover.finger_opening, expected, atol=1e-15)
 
 
@@ -83,9 +90,15 @@ def test_faces_and_bounds(handover: Problem) -> None:
     ]
     np.testing.assert_array_equal(free, expected_free)
     # Along the face's tangent, along the height, pitch, yaw (pinned for boxes); 1 cm margin.
-    np.testing.assert_allclose(handover.parameter_upper[0], [0.08 - GRASP_MARGIN, 0.05 - GRASP_MARGIN, PITCH_LIMIT, 0])
-    np.testing.assert_allclose(handover.parameter_upper[1], [0.025 - GRASP_MARGIN, 0.05 - GRASP_MARGIN, PITCH_LIMIT, 0])
-    np.testing.assert_allclose(handover.parameter_upper[3, :3], [0, 0.07 - GRASP_MARGIN, PITCH_LIMIT])
+    np.testing.assert_allclose(
+        handover.parameter_upper[0], [0.08 - GRASP_MARGIN, 0.05 - GRASP_MARGIN, PITCH_LIMIT, 0]
+    )
+    np.testing.assert_allclose(
+        handover.parameter_upper[1], [0.025 - GRASP_MARGIN, 0.05 - GRASP_MARGIN, PITCH_LIMIT, 0]
+    )
+    np.testing.assert_allclose(
+        handover.parameter_upper[3, :3], [0, 0.07 - GRASP_MARGIN, PITCH_LIMIT]
+    )
     np.testing.assert_array_equal(handover.parameter_lower[:2], -handover.parameter_upper[:2])
     np.testing.assert_array_equal(handover.parameter_lower[[2, 4], 3], 0)
     np.testing.assert_array_equal(handover.parameter_upper[[2, 4], 3], 0)
@@ -97,12 +110,16 @@ def test_supports(handover: Problem) -> None:
 
 
 def test_shapes_and_start(handover: Problem) -> None:
-    np.testing.assert_allclose(handover.prism, [[0.025, 0.08, 0.05, 0], [0, 0, 0.07, 0.035], [0.03, 0.03, 0.09, 0]])
+    np.testing.assert_allclose(
+        handover.prism, [[0.025, 0.08, 0.05, 0], [0, 0, 0.07, 0.035], [0.03, 0.03, 0.09, 0]]
+    )
     np.testing.assert_allclose(handover.initial_pose[0], [-0.15, 0.22, 0.05, 0.5])
     np.testing.assert_allclose(handover.initial_pose[1], [0.12, -0.2, 0.07, 0])
     np.testing.assert_allclose(handover.home, np.ravel(SCENE.home))
     np.testing.assert_array_equal(handover.regularization_target, np.tile(handover.home, (5, 1)))
-    np.testing.assert_array_equal(handover.regularization_weight, np.full((5, 14), KEYFRAME_REGULARIZATION))
+    np.testing.assert_array_equal(
+        handover.regularization_weight, np.full((5, 14), KEYFRAME_REGULARIZATION)
+    )
     np.testing.assert_array_equal(handover.sample_fraction, np.ones((5, 1)))
     np.testing.assert_array_equal(handover.sample_offset, np.zeros((5, 1, 14)))
     assert handover.fixed_prism.shape == handover.fixed_pose.shape == (0, 4)
@@ -114,7 +131,9 @@ def test_fixed_bodies() -> None:
     actions = [grasp("left", "+x", "yellow")]
     problem = transcribe(FIXED.scene, actions)
     np.testing.assert_allclose(problem.fixed_prism, [[0.20, 0.12, 0.01, 0], [0, 0, 0.25, 0.04]])
-    np.testing.assert_allclose(problem.fixed_pose, [[-0.20, 0.10, 0.50, 0.4], [0.40, 0.15, 0.25, 0]])
+    np.testing.assert_allclose(
+        problem.fixed_pose, [[-0.20, 0.10, 0.50, 0.4], [0.40, 0.15, 0.25, 0]]
+    )
     without = problem._replace(fixed_prism=np.zeros((0, 4)), fixed_pose=np.zeros((0, 4)))
     for ours, theirs in zip(without, transcribe(SCENE, actions), strict=True):
         np.testing.assert_array_equal(ours, theirs)
@@ -125,14 +144,18 @@ def test_other_workcells(setting) -> None:
     """Arms are counted in the workcell's order; bases, homes and openings are its own."""
     workcell = setting.scene.workcell
     last = workcell.arm_names[-1]
-    problem = transcribe(setting.scene, [grasp(last, "+x", "yellow"), place(last, "yellow", "table")])
+    problem = transcribe(
+        setting.scene, [grasp(last, "+x", "yellow"), place(last, "yellow", "table")]
+    )
     index = workcell.number_of_arms - 1
     np.testing.assert_array_equal(problem.base_rotation, base_rotations(workcell))
     np.testing.assert_array_equal(problem.base_position, base_positions(workcell))
     np.testing.assert_array_equal(problem.home, np.ravel(workcell.home))
     np.testing.assert_array_equal(problem.acting_arm, [index, index])
     np.testing.assert_array_equal(problem.mode_parent[:, 0], [0, index, 0])
-    np.testing.assert_array_equal(problem.arm_at_rest, np.eye(workcell.number_of_arms)[[index, index]])
+    np.testing.assert_array_equal(
+        problem.arm_at_rest, np.eye(workcell.number_of_arms)[[index, index]]
+    )
     opening = np.full((3, workcell.number_of_arms), 0.04)
     opening[1, index] = 0.025
     np.testing.assert_allclose(problem.finger_opening, opening)
@@ -140,7 +163,9 @@ def test_other_workcells(setting) -> None:
 
 def test_ignored_objects_are_absent() -> None:
     problem = transcribe(SCENE, [grasp("left", "+x", "yellow")], ignored=["can", "green"])
-    np.testing.assert_array_equal(problem.mode_kind, [[FIXED_KIND, ABSENT, ABSENT], [HELD, ABSENT, ABSENT]])
+    np.testing.assert_array_equal(
+        problem.mode_kind, [[FIXED_KIND, ABSENT, ABSENT], [HELD, ABSENT, ABSENT]]
+    )
 
 
 def test_a_switch_alone() -> None:
@@ -149,14 +174,17 @@ def test_a_switch_alone() -> None:
     whole = transcribe(SCENE, [before, action], ignored=["green"])
     problem = transcribe_switch(SCENE, before, action, ignored=["green"])
     np.testing.assert_array_equal(
-        problem.mode_kind, [[ABSENT, HELD, ABSENT], [FIXED_KIND, HELD, ABSENT], [FIXED_KIND, PLACED, ABSENT]]
+        problem.mode_kind,
+        [[ABSENT, HELD, ABSENT], [FIXED_KIND, HELD, ABSENT], [FIXED_KIND, PLACED, ABSENT]],
     )
     np.testing.assert_array_equal(problem.mode_parent, [[0, 1, 0], [0, 1, 0], [0, 0, 0]])
     changed = problem._replace(mode_kind=whole.mode_kind, mode_parent=whole.mode_parent)
     for ours, theirs in zip(changed, whole, strict=True):
         np.testing.assert_array_equal(ours, theirs)
     # What is written down first is not changed afterwards.
-    np.testing.assert_array_equal(transcribe(SCENE, [before, action], ignored=["green"]).mode_kind, whole.mode_kind)
+    np.testing.assert_array_equal(
+        transcribe(SCENE, [before, action], ignored=["green"]).mode_kind, whole.mode_kind
+    )
 
 
 def test_an_unknown_operator_is_refused_by_name() -> None:
@@ -223,11 +251,15 @@ def test_only_what_does_not_fit_on_the_region_is_refuted_to_be_placed_there() ->
         scene = make_scene(items, OnRegion("cube", Region((0, 0.4), 0.7, size)))
         reasons = {item.name: why_not(scene, place("left", item.name, "goal")) for item in items}
         assert {name for name, reason in reasons.items() if reason} == refuted
-        assert all(f"{name} does not fit on the goal region" in (reasons[name] or "") for name in refuted)
+        assert all(
+            f"{name} does not fit on the goal region" in (reasons[name] or "") for name in refuted
+        )
         assert all(why_not(scene, place("left", item.name, "table")) is None for item in items)
 
 
-@pytest.mark.parametrize(("face", "width"), [("+x", 0.05), ("-x", 0.05), ("+y", 0.16), ("-y", 0.16)])
+@pytest.mark.parametrize(
+    ("face", "width"), [("+x", 0.05), ("-x", 0.05), ("+y", 0.16), ("-y", 0.16)]
+)
 def test_grip_width_of_a_box(face: str, width: float) -> None:
     item = SCENE.objects[0]
     assert item.kind.grip_width(item.size, face) == width

@@ -1,7 +1,7 @@
 """Operators as values: arguments by kind, words, duplicates, and what an unknown one says."""
 
 import pytest
-from nlp_cases import SCENE, grasp, place
+from scene_cases import SCENE, grasp, place
 
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import Action
@@ -36,7 +36,11 @@ def test_arguments_by_their_kind() -> None:
 
 def test_every_operator_has_one_arm_and_one_object() -> None:
     for operator in OPERATORS:
-        assert operator.parameters.count(Parameter.ARM) == operator.parameters.count(Parameter.OBJECT) == 1
+        assert (
+            operator.parameters.count(Parameter.ARM)
+            == operator.parameters.count(Parameter.OBJECT)
+            == 1
+        )
     assert len({operator.name for operator in OPERATORS}) == len(OPERATORS)
 
 
@@ -55,7 +59,11 @@ def test_actions_in_words() -> None:
 
 @pytest.mark.parametrize(("item", "faces"), [("yellow", []), ("can", ["+y", "-x", "-y"])])
 def test_faces_that_cannot_be_told_apart_are_duplicates(item: str, faces: list[str]) -> None:
-    found = [face for face in ("+x", "+y", "-x", "-y") if is_duplicate(SCENE, grasp("left", face, item), OPERATORS)]
+    found = [
+        face
+        for face in ("+x", "+y", "-x", "-y")
+        if is_duplicate(SCENE, grasp("left", face, item), OPERATORS)
+    ]
     assert found == faces
     assert not is_duplicate(SCENE, place("left", item, "table"), OPERATORS)
 
@@ -76,13 +84,19 @@ def test_actions_of_a_scene_are_those_of_its_operators() -> None:
         assert switch.mode.kind == operator.mode_after
         assert switch.mode.parent == (arm if operator is GRASP else 0)
         assert (switch.support is not None) == (operator is PLACE)
-        assert all(low <= high for low, high in zip(switch.lower, switch.upper, strict=True) if high < 1e3)
+        assert all(
+            low <= high for low, high in zip(switch.lower, switch.upper, strict=True) if high < 1e3
+        )
 
 
 @pytest.mark.parametrize("taker", ["left", "right"])
 def test_the_giving_arm_rests_and_opens_its_fingers(taker: str) -> None:
     giver = 1 - SCENE.workcell.arm_index(taker)
-    modes = (ObjectMode(ModeKind.HELD, giver), ObjectMode(ModeKind.FIXED), ObjectMode(ModeKind.FIXED))
+    modes = (
+        ObjectMode(ModeKind.HELD, giver),
+        ObjectMode(ModeKind.FIXED),
+        ObjectMode(ModeKind.FIXED),
+    )
     opening = (0.025, 0.04) if giver == 0 else (0.04, 0.025)
     switch = GRASP.switch(SkeletonState(SCENE, modes, opening), grasp(taker, "-x", "yellow"))
     assert switch.arms_at_rest == {0, 1}

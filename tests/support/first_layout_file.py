@@ -34,4 +34,9 @@ def write_first_layout(path: Path, shard: Shard) -> None:
         for index, scene in zip(shard.info.scenes, shard.scenes, strict=True)
     ]
     schema = SCHEMA.with_metadata({KEY: json.dumps(footer).encode()})
-    pq.write_table(pa.Table.from_pylist(rows, schema=schema), path, compression="zstd", write_page_checksum=True)
+    pq.write_table(
+        pa.Table.from_pylist(rows, schema=schema),
+        path,
+        compression="zstd",
+        write_page_checksum=True,
+    )

@@ -22,7 +22,9 @@ def sided_examples(number: int, seed: int, objects: int = 2, longest: int = 2) -
     for index, scene in enumerate(scenes):
         own, feasible = sided_sequences(scene, longest)
         solutions = [sequence for sequence, verdict in zip(own, feasible, strict=True) if verdict]
-        prefixes = {solution[:length] for solution in solutions for length in range(1, len(solution) + 1)}
+        prefixes = {
+            solution[:length] for solution in solutions for length in range(1, len(solution) + 1)
+        }
         for sequence in own:
             promising.append([sequence[: step + 1] in prefixes for step in range(len(sequence))])
         scene_indices += [index] * len(own)
@@ -53,6 +55,13 @@ def sided_sequences(scene: Scene, longest: int) -> tuple[list[tuple[int, ...]], 
     """The sequences of one scene and whether each is feasible."""
     grounding = ground_scene(scene)
     arm = "left" if scene.objects[scene.goal_index].position[0] < 0 else "right"
-    sequences = [sequence for length in range(2, longest + 1) for sequence in enumerate_sequences(grounding, length)]
-    feasible = [len(sequence) == 2 and grounding.actions[sequence[0]].arguments[0] == arm for sequence in sequences]
+    sequences = [
+        sequence
+        for length in range(2, longest + 1)
+        for sequence in enumerate_sequences(grounding, length)
+    ]
+    feasible = [
+        len(sequence) == 2 and grounding.actions[sequence[0]].arguments[0] == arm
+        for sequence in sequences
+    ]
     return sequences, feasible

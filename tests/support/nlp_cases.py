@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import jax
 import numpy as np
 from numpy.typing import NDArray
+from scene_cases import GOAL, SCENE, grasp, place
 from scipy.spatial.transform import Rotation
 
 from dvr_jax.logic import Action
@@ -27,29 +28,8 @@ Floats = NDArray[np.float64]
 Hands = Sequence[tuple[Floats, Floats]]
 """Rotation and position of each gripper."""
 
-GOAL = OnRegion("yellow", Region((0.3, -0.25), 0.4, (0.22, 0.2)))
-
 SAMPLES = 3
 """Samples of a slice where a test does not say otherwise."""
-
-SCENE = make_scene(
-    [
-        SceneObject("yellow", "box", (0.05, 0.16, 0.10), (-0.15, 0.22), 0.5),
-        SceneObject("can", "cylinder", (0.035, 0.14), (0.12, -0.2), 0.0),
-        SceneObject("green", "box", (0.06, 0.06, 0.18), (0.05, 0.3), 0.3),
-    ],
-    GOAL,
-)
-"""Two arms that face each other, two boxes and a cylinder."""
-
-
-def grasp(arm: str, face: str, item: str) -> Action:
-    return Action("grasp", (arm, face, item))
-
-
-def place(arm: str, item: str, support: str) -> Action:
-    return Action("place", (arm, item, support))
-
 
 SKELETONS = (
     # Handover of a box, then its arm is free again while the other one grasps.
@@ -176,7 +156,9 @@ class Case:
 
     def fraction(self, b: int, sample: int) -> float:
         """How far a sample is from the slice before (0) to its own (1)."""
-        return float(self.problems.sample_fraction[b, sample // self.samples, sample % self.samples])
+        return float(
+            self.problems.sample_fraction[b, sample // self.samples, sample % self.samples]
+        )
 
     def posture(self, b: int, sample: int) -> Floats:
         """Joint angles (D,) beside the straight line from the slice before, the first of which is home."""
@@ -205,7 +187,9 @@ def make_case(
     ``level``: the hands turn about their vertical axes and hardly tilt, with the standing objects below them, so that
     faces of held and of standing objects face each other.
     """
-    problems = stack([transcribe(setting.scene, skeleton) for skeleton in setting.skeletons] * repeats)
+    problems = stack(
+        [transcribe(setting.scene, skeleton) for skeleton in setting.skeletons] * repeats
+    )
     generator = np.random.default_rng(seed)
     B, K = problems.switched_object.shape
     arms = setting.scene.workcell.number_of_arms
@@ -254,7 +238,9 @@ def pose_in_mode(case: Case, b: int, phase: int, n: int, hands: Hands) -> tuple[
         x, y, z, yaw = case.problems.initial_pose[b, n]
         return Rotation.from_euler("z", yaw).as_matrix(), np.array([x, y, z])
     if kind == ModeKind.PLACED:
-        return Rotation.from_euler("z", m[2]).as_matrix(), np.array([m[0], m[1], case.problems.prism[b, n, 2]])
+        return Rotation.from_euler("z", m[2]).as_matrix(), np.array(
+            [m[0], m[1], case.problems.prism[b, n, 2]]
+        )
     assert kind == ModeKind.HELD
     # In the object's frame, at yaw 0 and pitch 0, the gripper points straight down (its z) and closes along +x (its y).
     face = Rotation.from_euler("z", case.problems.closing_yaw[b, by] + m[3])

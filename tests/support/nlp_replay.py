@@ -22,7 +22,10 @@ Names = tuple[str, str]
 
 def capsule_names(workcell: Workcell) -> list[list[str]]:
     """Geom names of the capsules of each arm."""
-    return [[f"{arm}/{name}_collision" for name in workcell.robot.capsules.names] for arm in workcell.arm_names]
+    return [
+        [f"{arm}/{name}_collision" for name in workcell.robot.capsules.names]
+        for arm in workcell.arm_names
+    ]
 
 
 def arm_pairs(workcell: Workcell) -> list[Names]:
@@ -52,7 +55,9 @@ def build_replay_model(scene: Scene) -> mujoco.MjModel:
     """The scene with an endless plane at the table's height: arms may reach beyond the table."""
     spec = build_model_spec(scene)
     spec.option.ccd_tolerance, spec.option.ccd_iterations = 1e-12, 500
-    spec.worldbody.add_geom(name="top", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 1], contype=0, conaffinity=0)
+    spec.worldbody.add_geom(
+        name="top", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 1], contype=0, conaffinity=0
+    )
     return spec.compile()
 
 
@@ -71,7 +76,9 @@ class Replay:
 
     def openings(self, b: int, t: int) -> Floats:
         """Of a phase; in the slice of its switch the wider of before and after, as `dvr_jax.nlp.layout` has it."""
-        before, after = self.case.problems.finger_opening[b, self.case.phase(t) : self.case.phase(t) + 2]
+        before, after = self.case.problems.finger_opening[
+            b, self.case.phase(t) : self.case.phase(t) + 2
+        ]
         switching = (t // self.case.samples + 1) % self.case.steps == 0
         return np.maximum(before, after) if switching else before
 
@@ -89,7 +96,9 @@ class Replay:
     def distance(self, pair: Names) -> tuple[float, Floats]:
         """`mj_geomDistance` and the direction between the nearest points."""
         witness = np.zeros(6)
-        value = mujoco.mj_geomDistance(self.model, self.data, self.geom[pair[0]], self.geom[pair[1]], 10.0, witness)
+        value = mujoco.mj_geomDistance(
+            self.model, self.data, self.geom[pair[0]], self.geom[pair[1]], 10.0, witness
+        )
         return value, witness[:3] - witness[3:]
 
     def measure(self, pairs: list[Names]) -> Floats:
@@ -110,7 +119,9 @@ class Replay:
             for row, pair in enumerate(pairs):
                 normal = self.distance(pair)[1]
                 for name in pair:
-                    along = np.abs(normal @ self.data.geom(name).xmat.reshape(3, 3)) / np.linalg.norm(normal)
+                    along = np.abs(
+                        normal @ self.data.geom(name).xmat.reshape(3, 3)
+                    ) / np.linalg.norm(normal)
                     box = self.model.geom(name).type == mujoco.mjtGeom.mjGEOM_BOX
                     nearest[b, t, row] |= (along.max() if box else along[2]) > 1 - 1e-9
         return nearest

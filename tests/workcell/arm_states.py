@@ -19,12 +19,18 @@ def build_arms(workcell: Workcell) -> mujoco.MjModel:
     spec = mujoco.MjSpec()
     for arm in workcell.arms:
         half = arm.yaw / 2
-        frame = spec.worldbody.add_frame(pos=[*arm.position, 0.0], quat=[np.cos(half), 0.0, 0.0, np.sin(half)])
-        spec.attach(mujoco.MjSpec.from_string(workcell.robot.mjcf), prefix=f"{arm.name}/", frame=frame)
+        frame = spec.worldbody.add_frame(
+            pos=[*arm.position, 0.0], quat=[np.cos(half), 0.0, 0.0, np.sin(half)]
+        )
+        spec.attach(
+            mujoco.MjSpec.from_string(workcell.robot.mjcf), prefix=f"{arm.name}/", frame=frame
+        )
     return spec.compile()
 
 
-def sample_postures(n: int = POSTURES, seed: int = 0, workcell: Workcell = DEFAULT_WORKCELL) -> tuple[Floats, Floats]:
+def sample_postures(
+    n: int = POSTURES, seed: int = 0, workcell: Workcell = DEFAULT_WORKCELL
+) -> tuple[Floats, Floats]:
     """Joint angles (n, A, J) within the limits and finger travels (n, A)."""
     generator = np.random.default_rng(seed)
     lower, upper = workcell.robot.joint_limits
@@ -45,7 +51,9 @@ class Simulated:
     def _addresses(self, joints: list[str]) -> NDArray[np.int64]:
         """Where joints of each arm lie in `qpos` (A, ...)."""
         arms = self.workcell.arm_names
-        return np.array([[self.model.joint(f"{arm}/{name}").qposadr[0] for name in joints] for arm in arms])
+        return np.array(
+            [[self.model.joint(f"{arm}/{name}").qposadr[0] for name in joints] for arm in arms]
+        )
 
     def states(self, q: Floats, openings: Floats) -> Iterator[mujoco.MjData]:
         """The model's state in each posture, with kinematics and what Jacobians need."""
@@ -66,7 +74,9 @@ def as_arms(q: Floats) -> Floats:
 def bases_of(workcell: Workcell, n: int) -> BasePoses:
     """The bases as every one of n slices has them."""
     R, p = base_rotations(workcell), base_positions(workcell)
-    return BasePoses(np.repeat(R.transpose(2, 1, 0)[..., None], n, -1), np.repeat(p.T[..., None], n, -1))
+    return BasePoses(
+        np.repeat(R.transpose(2, 1, 0)[..., None], n, -1), np.repeat(p.T[..., None], n, -1)
+    )
 
 
 def matrices(R: Floats) -> Floats:

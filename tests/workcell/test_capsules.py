@@ -21,7 +21,9 @@ def surface(kind: int, size: Floats, generator: np.random.Generator) -> Floats:
     direction = generator.normal(size=(n, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
-        return size[0] * direction + np.array([0, 0, 1]) * size[1] * generator.uniform(-1, 1, (n, 1))
+        return size[0] * direction + np.array([0, 0, 1]) * size[1] * generator.uniform(
+            -1, 1, (n, 1)
+        )
     if kind == mujoco.mjtGeom.mjGEOM_BOX:
         return size * direction / np.abs(direction).max(axis=1, keepdims=True)
     assert kind == mujoco.mjtGeom.mjGEOM_CYLINDER
@@ -43,7 +45,9 @@ def beyond_capsules(model: mujoco.MjModel, data: mujoco.MjData, arm: str, points
         radius, half = model.geom_size[geom, :2]
         low, high = in_world(data, geom, np.array([[0, 0, -half], [0, 0, half]]))
         along = np.clip((points - low) @ (high - low) / (2 * half) ** 2, 0, 1)
-        nearest = np.minimum(nearest, np.linalg.norm(points - low - along[:, None] * (high - low), axis=1) - radius)
+        nearest = np.minimum(
+            nearest, np.linalg.norm(points - low - along[:, None] * (high - low), axis=1) - radius
+        )
     return nearest
 
 
@@ -59,7 +63,9 @@ def test_capsules_cover_what_is_drawn() -> None:
                 continue
             if link == "link7" and model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_BOX:
                 link = "flange's box"
-            points = in_world(data, geom, surface(int(model.geom_type[geom]), model.geom_size[geom], generator))
+            points = in_world(
+                data, geom, surface(int(model.geom_type[geom]), model.geom_size[geom], generator)
+            )
             depth = float(beyond_capsules(model, data, arm, points).max())
             worst[link] = max(worst.get(link, 0.0), depth)
     limits = dict.fromkeys(worst, COVERED) | LESS_COVERED | {"flange's box": FLANGE_BOX}

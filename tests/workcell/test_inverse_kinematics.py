@@ -92,7 +92,9 @@ def test_valid_branches_reach_their_pose_within_the_limits(solve: Solve, reached
     assert (angles <= np.array(JOINT_UPPER)).all()
     arms = reached.workcell.number_of_arms
     every = np.repeat(angles[:, None], arms, axis=1)
-    for (_, n), data in zip(lanes, reached.simulated.states(every, np.zeros((len(lanes), arms))), strict=True):
+    for (_, n), data in zip(
+        lanes, reached.simulated.states(every, np.zeros((len(lanes), arms))), strict=True
+    ):
         R, p = reached.gripper(data, reached.arm[n])
         np.testing.assert_allclose(p, reached.p[n], rtol=0, atol=1e-9)
         np.testing.assert_allclose(R, reached.R[n], rtol=0, atol=1e-9)
@@ -149,7 +151,9 @@ def test_unreachable_poses_are_invalid_and_finite(solve: Solve, reached: Reached
     assert not valid[:, 40:].any()
     down = np.broadcast_to(np.diag([1.0, -1.0, -1.0]), (n, 3, 3))
     for height in (0, 0.316 + 0.384, 1.2 - 0.333, -0.333):
-        q, valid = solve(reached, down, shoulder + np.array([0, 0, height]), np.linspace(-2.8, 2.8, n))
+        q, valid = solve(
+            reached, down, shoulder + np.array([0, 0, height]), np.linspace(-2.8, 2.8, n)
+        )
         assert np.isfinite(q).all()
     q, valid = solve(reached, down, np.zeros((n, 3)), np.linspace(-2.8, 2.8, n))
     assert np.isfinite(q).all()

@@ -34,9 +34,16 @@ TIGHT = {"rtol": 0, "atol": 1e-12}
 CAPSULE_NAMES = tuple(f"{name}_collision" for name in PANDA.capsules.names)
 
 
-def forward_quantities(model: WorkcellModel, bases: BasePoses, q: Floats, openings: Floats) -> tuple[object, ...]:
+def forward_quantities(
+    model: WorkcellModel, bases: BasePoses, q: Floats, openings: Floats
+) -> tuple[object, ...]:
     links = link_poses(model, bases, q)
-    return links, hand_pose(model, links), capsule_segments(model, links, openings), joint_screws(links)
+    return (
+        links,
+        hand_pose(model, links),
+        capsule_segments(model, links, openings),
+        joint_screws(links),
+    )
 
 
 COMPILED = jax.jit(forward_quantities, compiler_options=CPU_OPTIONS)
@@ -54,7 +61,10 @@ class Forward:
         )
         self.link_rotations = np.stack([matrices(R) for R in links.rotations])  # [8, A, n, 3, 3]
         self.link_positions = np.stack([vectors(p) for p in links.positions])  # [8, A, n, 3]
-        self.hand_rotations, self.hand_positions = matrices(hand[0]), vectors(hand[1])  # [A, n, ...]
+        self.hand_rotations, self.hand_positions = (
+            matrices(hand[0]),
+            vectors(hand[1]),
+        )  # [A, n, ...]
         self.starts, self.ends = vectors(capsules[0]), vectors(capsules[1])  # [A, C, n, 3]
         self.screws = np.asarray(screws)  # [6, A, J, n]
 
@@ -84,7 +94,9 @@ def test_link_poses(forward: Forward) -> None:
         for arm, name in forward.arms:
             for link in range(8):
                 body = data.body(f"{name}/link{link}" if link else f"{name}/base")
-                np.testing.assert_allclose(forward.link_rotations[link, arm, n], body.xmat.reshape(3, 3), **TIGHT)
+                np.testing.assert_allclose(
+                    forward.link_rotations[link, arm, n], body.xmat.reshape(3, 3), **TIGHT
+                )
                 np.testing.assert_allclose(forward.link_positions[link, arm, n], body.xpos, **TIGHT)
 
 
@@ -92,7 +104,9 @@ def test_hand_pose(forward: Forward) -> None:
     for n, data in forward.states():
         for arm, name in forward.arms:
             site = data.site(f"{name}/gripper")
-            np.testing.assert_allclose(forward.hand_rotations[arm, n], site.xmat.reshape(3, 3), **TIGHT)
+            np.testing.assert_allclose(
+                forward.hand_rotations[arm, n], site.xmat.reshape(3, 3), **TIGHT
+            )
             np.testing.assert_allclose(forward.hand_positions[arm, n], site.xpos, **TIGHT)
 
 
@@ -127,19 +141,34 @@ def test_an_arm_is_its_own_mirror_image_but_for_forearm_and_flange() -> None:
     mirrored = q * [-1, 1, -1, 1, -1, 1, -1]  # the hand is turned by -pi/4 on the flange
     mirrored[..., 6] += np.where(q[..., 6] > np.pi / 2 - upper[6], np.pi / 2, -np.pi / 2)
     assert ((mirrored >= lower) & (mirrored <= upper)).all()
-    symmetric = [name for name in CAPSULE_NAMES if name.split("_")[0] not in ("forearm", "flange", "finger")]
+    symmetric = [
+        name for name in CAPSULE_NAMES if name.split("_")[0] not in ("forearm", "flange", "finger")
+    ]
     signs = np.array([1.0, -1.0, 1.0])
 
     def seen(data: mujoco.MjData, arm: str) -> list[Floats]:
-        grip, capsules = data.site(f"{arm}/gripper"), [data.geom(f"{arm}/{name}") for name in symmetric]
+        grip, capsules = (
+            data.site(f"{arm}/gripper"),
+            [data.geom(f"{arm}/{name}") for name in symmetric],
+        )
         fingers = [data.geom(f"{arm}/{name}").xpos for name in CAPSULE_NAMES if "finger" in name]
-        return [grip.xpos, *(capsule.xpos for capsule in capsules), *sorted(fingers, key=lambda p: p[0])]
+        return [
+            grip.xpos,
+            *(capsule.xpos for capsule in capsules),
+            *sorted(fingers, key=lambda p: p[0]),
+        ]
 
-    both = zip(*(list(map(copy, simulated.states(x, openings))) for x in (q, mirrored)), strict=True)
+    both = zip(
+        *(list(map(copy, simulated.states(x, openings))) for x in (q, mirrored)), strict=True
+    )
     for here, there in both:
         for arm in simulated.workcell.arm_names:
-            np.testing.assert_allclose(np.multiply(seen(here, arm), signs), seen(there, arm), **TIGHT)
-            approach, closing = (there.site(f"{arm}/gripper").xmat.reshape(3, 3)[:, i] for i in (2, 1))
+            np.testing.assert_allclose(
+                np.multiply(seen(here, arm), signs), seen(there, arm), **TIGHT
+            )
+            approach, closing = (
+                there.site(f"{arm}/gripper").xmat.reshape(3, 3)[:, i] for i in (2, 1)
+            )
             expected = here.site(f"{arm}/gripper").xmat.reshape(3, 3) * signs[:, None]
             np.testing.assert_allclose(approach, expected[:, 2], **TIGHT)
             np.testing.assert_allclose(abs(closing @ expected[:, 1]), 1, **TIGHT)
@@ -176,7 +205,9 @@ def test_links_against_mjx(forward: Forward) -> None:
     for arm, name in forward.arms:
         for link in range(1, 8):
             body = model.body(f"{name}/link{link}").id
-            np.testing.assert_allclose(forward.link_positions[link, arm], positions[:, body], **TIGHT)
+            np.testing.assert_allclose(
+                forward.link_positions[link, arm], positions[:, body], **TIGHT
+            )
             rotation = rotations[:, body].reshape(-1, 3, 3)
             np.testing.assert_allclose(forward.link_rotations[link, arm], rotation, **TIGHT)
 
@@ -209,4 +240,6 @@ def test_a_gripper_is_shifted_up_or_back(name: str) -> None:
         np.testing.assert_allclose(after.xpos, before.xpos + 0.05 * direction, atol=1e-9)
         np.testing.assert_allclose(after.xmat, before.xmat, atol=1e-9)
         assert shifted[i, 6] == q[i, 6]
-        assert (shifted[i] >= PANDA.joint_limits[0]).all() and (shifted[i] <= PANDA.joint_limits[1]).all()
+        assert (shifted[i] >= PANDA.joint_limits[0]).all() and (
+            shifted[i] <= PANDA.joint_limits[1]
+        ).all()

@@ -41,7 +41,9 @@ def test_limits_are_the_makers() -> None:
     np.testing.assert_array_equal(PANDA.joint_velocity, limits[:, 2])
     np.testing.assert_array_equal(PANDA.joint_acceleration, limits[:, 3])
     # Data sheet of the Franka Hand: grippers open 80 mm, fingers travel at 50 mm/s.
-    assert PANDA.maximum_opening == 0.08 and PANDA.finger_travel == 0.04 and PANDA.finger_speed == 0.05
+    assert (
+        PANDA.maximum_opening == 0.08 and PANDA.finger_travel == 0.04 and PANDA.finger_speed == 0.05
+    )
     assert PANDA.number_of_joints == 7
 
 
@@ -61,7 +63,9 @@ def test_postures_are_within_the_limits() -> None:
     for posture in (PANDA.home, PANDA.tucked):
         assert len(posture) == 7
         assert (posture > lower).all() and (posture < upper).all()
-    np.testing.assert_allclose(PANDA.home, [0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
+    np.testing.assert_allclose(
+        PANDA.home, [0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4]
+    )
     foot = PANDA.base_foot
     assert (foot.radius, foot.length, foot.width) == (0.085, 0.125, 0.11)
 
@@ -109,24 +113,67 @@ def test_equal_robots_are_one_key() -> None:
 def test_a_missing_element_is_named(element: str, read) -> None:
     text = re.sub(rf'<(numeric|text) name="{element}".*?/>', "", PANDA.mjcf, flags=re.DOTALL)
     assert text != PANDA.mjcf
-    with pytest.raises(DvrError, match=rf"'altered' lacks the <(numeric|text) name=\"{element}\"> under <custom>\.$"):
+    with pytest.raises(
+        DvrError,
+        match=rf"'altered' lacks the <(numeric|text) name=\"{element}\"> under <custom>\.$",
+    ):
         read(robot_of(text))
 
 
 @pytest.mark.parametrize(
     ("old", "new", "read", "message"),
     [
-        ('data="forearm wrist flange', 'data="forearm flange wrist', "table_capsules", "not consecutive"),
-        ('data="forearm wrist flange', 'data="elbow wrist flange', "table_capsules", "not consecutive"),
-        ("column : forearm wrist", "column : forearm flange", "self_collision_pairs", "not consecutive"),
-        ('data="hand finger_left', 'data="palm finger_left', "holding_capsules", "no capsule 'palm'"),
-        ('data="forearm wrist flange', 'data="knee wrist flange', "table_capsules", "no capsule 'knee'"),
-        ("column : forearm", "column forearm", "self_collision_pairs", "valid is 'these : with these'"),
+        (
+            'data="forearm wrist flange',
+            'data="forearm flange wrist',
+            "table_capsules",
+            "not consecutive",
+        ),
+        (
+            'data="forearm wrist flange',
+            'data="elbow wrist flange',
+            "table_capsules",
+            "not consecutive",
+        ),
+        (
+            "column : forearm wrist",
+            "column : forearm flange",
+            "self_collision_pairs",
+            "not consecutive",
+        ),
+        (
+            'data="hand finger_left',
+            'data="palm finger_left',
+            "holding_capsules",
+            "no capsule 'palm'",
+        ),
+        (
+            'data="forearm wrist flange',
+            'data="knee wrist flange',
+            "table_capsules",
+            "no capsule 'knee'",
+        ),
+        (
+            "column : forearm",
+            "column forearm",
+            "self_collision_pairs",
+            "valid is 'these : with these'",
+        ),
         ("column : forearm", " : forearm", "self_collision_pairs", "names no capsule"),
         ('name="home" data="0 ', 'name="home" data="', "home", "has 6 numbers; valid are 7"),
         ('name="tucked" data="0 ', 'name="tucked" data="', "tucked", "has 6 numbers; valid are 7"),
-        ('name="joint_velocity" data="2.1750 ', 'name="joint_velocity" data="', "joint_velocity", "valid are 7"),
-        ('name="finger_speed" data="0.05"', 'name="finger_speed" data="0.05 1"', "finger_speed", "valid are 1"),
+        (
+            'name="joint_velocity" data="2.1750 ',
+            'name="joint_velocity" data="',
+            "joint_velocity",
+            "valid are 7",
+        ),
+        (
+            'name="finger_speed" data="0.05"',
+            'name="finger_speed" data="0.05 1"',
+            "finger_speed",
+            "valid are 1",
+        ),
         ('name="base_foot" data="0.085 ', 'name="base_foot" data="', "base_foot", "valid are 3"),
         (
             'name="wrist_collision" class="collision" fromto="0 0 0 0.088 0 0" size="0.06"',
@@ -171,5 +218,8 @@ def test_a_robot_can_be_registered(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_inverse_kinematics_name_what_programs_are_stored_under() -> None:
     """A function of this package by its name; one of another program in brackets, which is never stored."""
-    assert repr(PANDA.inverse_kinematics) == "InverseKinematics(dvr_jax.workcell.panda._solve, 4, (6,))"
+    assert (
+        repr(PANDA.inverse_kinematics)
+        == "InverseKinematics(dvr_jax.workcell.panda._solve, 4, (6,))"
+    )
     assert "<" in repr(InverseKinematics(lambda *arguments: arguments, branches=1))

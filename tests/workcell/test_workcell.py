@@ -28,7 +28,9 @@ def test_the_default_workcell_is_the_papers() -> None:
     assert DEFAULT_WORKCELL == WORKCELLS["facing"] == facing_workcell(1.5)
     assert DEFAULT_WORKCELL.arm_names == ("left", "right")
     np.testing.assert_array_equal(base_positions(DEFAULT_WORKCELL), [[-0.75, 0, 0], [0.75, 0, 0]])
-    np.testing.assert_array_equal(base_rotations(DEFAULT_WORKCELL), [np.eye(3), np.diag([-1.0, -1.0, 1.0])])
+    np.testing.assert_array_equal(
+        base_rotations(DEFAULT_WORKCELL), [np.eye(3), np.diag([-1.0, -1.0, 1.0])]
+    )
     assert DEFAULT_WORKCELL.home == (PANDA.home, PANDA.home)
     assert (DEFAULT_WORKCELL.number_of_arms, DEFAULT_WORKCELL.number_of_joints) == (2, 14)
 
@@ -36,7 +38,9 @@ def test_the_default_workcell_is_the_papers() -> None:
 @pytest.mark.parametrize("name", WORKCELLS)
 def test_arms_are_counted_in_their_order(name: str) -> None:
     workcell = WORKCELLS[name]
-    assert [workcell.arm_index(arm) for arm in workcell.arm_names] == list(range(workcell.number_of_arms))
+    assert [workcell.arm_index(arm) for arm in workcell.arm_names] == list(
+        range(workcell.number_of_arms)
+    )
     with pytest.raises(DvrError, match=f"no arm 'third'; valid: {', '.join(workcell.arm_names)}"):
         workcell.arm_index("third")
 
@@ -52,7 +56,9 @@ def test_bases_are_upright_rotations(name: str) -> None:
 def listed(workcell: Workcell) -> list[tuple[int, int, int, int]]:
     """First arm, second arm, first capsule, second capsule."""
     return [
-        (a, b, i, j) for a, b, (near, far) in cross_arm_pairs(workcell) for i, j in product(range(*near), range(*far))
+        (a, b, i, j)
+        for a, b, (near, far) in cross_arm_pairs(workcell)
+        for i, j in product(range(*near), range(*far))
     ]
 
 
@@ -67,11 +73,17 @@ def test_pairs_of_two_arms(distance: float, turn: float) -> None:
     pairs = listed(Workcell(arms))
     reach = np.maximum.accumulate(PANDA.capsule_reach)
     number = len(reach)
-    expected = {(0, 1, i, j) for i, j in product(range(number), repeat=2) if reach[i] + reach[j] >= distance}
+    expected = {
+        (0, 1, i, j) for i, j in product(range(number), repeat=2) if reach[i] + reach[j] >= distance
+    }
     assert len(set(pairs)) == len(pairs)
     assert set(pairs) == expected
     # No pair that can meet by its own reach is left out, and the relation is symmetric.
-    own = {(0, 1, i, j) for i, j in product(range(number), repeat=2) if PANDA.capsule_reach[[i, j]].sum() >= distance}
+    own = {
+        (0, 1, i, j)
+        for i, j in product(range(number), repeat=2)
+        if PANDA.capsule_reach[[i, j]].sum() >= distance
+    }
     assert own <= set(pairs)
     assert {(a, b, j, i) for a, b, i, j in pairs} == set(pairs)
 

@@ -56,18 +56,24 @@ class Sampled(NamedTuple):
     def item(self) -> int:
         return int(self.step.item[0])
 
-    def attachment(self, kind: int, parent: int, closing_yaw: float, parameters: Floats) -> Attachment:
+    def attachment(
+        self, kind: int, parent: int, closing_yaw: float, parameters: Floats
+    ) -> Attachment:
         """Of the switched object in every proposal, parameters (4, B, J)."""
         L = CANDIDATES * PROPOSALS
         k = self.item
 
         def everywhere(value: float | Floats) -> Floats:
-            return np.broadcast_to(np.asarray(value, float)[..., None, None], (*np.shape(value), 1, L))
+            return np.broadcast_to(
+                np.asarray(value, float)[..., None, None], (*np.shape(value), 1, L)
+            )
 
         return Attachment(
             kind=np.full((1, L), kind, np.int32),
             parent=np.full((1, L), parent, np.int32),
-            parameters=np.asarray(np.broadcast_to(parameters, (4, CANDIDATES, PROPOSALS)), float).reshape(4, 1, L),
+            parameters=np.asarray(
+                np.broadcast_to(parameters, (4, CANDIDATES, PROPOSALS)), float
+            ).reshape(4, 1, L),
             closing_yaw=everywhere(closing_yaw),
             initial_pose=everywhere(self.problem.initial_pose[k]),
             half_height=everywhere(self.problem.prism[k, 2]),
@@ -86,12 +92,16 @@ class Sampled(NamedTuple):
     def as_taken(self) -> ObjectPoses:
         """As the acting gripper holds it after a grasp."""
         m = np.asarray(self.found.m)[:, 0]
-        return self.held_by(0, self.attachment(ModeKind.HELD, 0, float(self.step.closing_yaw[0]), m))
+        return self.held_by(
+            0, self.attachment(ModeKind.HELD, 0, float(self.step.closing_yaw[0]), m)
+        )
 
     def as_given(self, gripper: int) -> ObjectPoses:
         """As the gripper that held it before holds it."""
         yaw = float(self.before.closing_yaw[0])
-        return self.held_by(gripper, self.attachment(ModeKind.HELD, 0, yaw, self.parameters_before()))
+        return self.held_by(
+            gripper, self.attachment(ModeKind.HELD, 0, yaw, self.parameters_before())
+        )
 
     def standing(self, kind: int, parameters: Floats) -> ObjectPoses:
         L = CANDIDATES * PROPOSALS
@@ -99,7 +109,9 @@ class Sampled(NamedTuple):
         return object_poses(self.attachment(kind, 0, 0.0, parameters), nowhere)
 
 
-def sample(setting: Setting, actions: list[Action], ignored: tuple[str, ...] = (), seed: int = 0) -> Sampled:
+def sample(
+    setting: Setting, actions: list[Action], ignored: tuple[str, ...] = (), seed: int = 0
+) -> Sampled:
     """Proposals of the last action; the object's parameters before it are random within their bounds."""
     problem = transcribe(setting.scene, actions, ignored)
     k = len(actions) - 1
@@ -111,16 +123,22 @@ def sample(setting: Setting, actions: list[Action], ignored: tuple[str, ...] = (
     generator = np.random.default_rng(seed)
     by = problem.mode_action[k, item]
     if kind == ModeKind.HELD:
-        low, high = (np.clip(b[by], -1.0, 1.0) for b in (problem.parameter_lower, problem.parameter_upper))
+        low, high = (
+            np.clip(b[by], -1.0, 1.0) for b in (problem.parameter_lower, problem.parameter_upper)
+        )
     else:
         low, high = np.array([-0.4, -0.4, -3, 0]), np.array([0.4, 0.4, 3, 0])
     before = ObjectBefore(
         kind=np.array([kind], np.int32),
-        closing_yaw=np.array([problem.closing_yaw[by] if kind == ModeKind.HELD else 0.0], np.float32),
+        closing_yaw=np.array(
+            [problem.closing_yaw[by] if kind == ModeKind.HELD else 0.0], np.float32
+        ),
         parameters=generator.uniform(low, high, (1, CANDIDATES, 4)).astype(np.float32),
     )
     u = generator.random((UNIFORM_NUMBERS, CANDIDATES, PROPOSALS), np.float32)
-    return Sampled(problem, step, before, jax.tree.map(np.asarray, proposal.propose(step, before, u)))
+    return Sampled(
+        problem, step, before, jax.tree.map(np.asarray, proposal.propose(step, before, u))
+    )
 
 
 def proposal_of(action: Action, kind: ModeKind) -> Proposal:
@@ -142,7 +160,10 @@ def last_arm(setting: Setting) -> str:
 
 def test_the_proposal_depends_on_the_mode_before() -> None:
     action = grasp("left", "+x", "yellow")
-    names = {kind: proposal_of(action, kind).name for kind in (ModeKind.FIXED, ModeKind.PLACED, ModeKind.HELD)}
+    names = {
+        kind: proposal_of(action, kind).name
+        for kind in (ModeKind.FIXED, ModeKind.PLACED, ModeKind.HELD)
+    }
     assert names == {ModeKind.FIXED: "grasp", ModeKind.PLACED: "grasp", ModeKind.HELD: "handover"}
     assert proposal_of(place("left", "yellow", "table"), ModeKind.HELD).name == "place"
 
@@ -229,7 +250,9 @@ def test_placements(name: str, support: str, item: str) -> None:
     m = sampled.found.m[:, 0]
     require_same(sampled.as_given(0), sampled.standing(ModeKind.PLACED, m))
     assert not m[3].any()
-    np.testing.assert_allclose(sampled.found.overhang[0], sticking_out(sampled).reshape(m.shape[1:]), atol=1e-6)
+    np.testing.assert_allclose(
+        sampled.found.overhang[0], sticking_out(sampled).reshape(m.shape[1:]), atol=1e-6
+    )
     if support == "goal":
         require_spread_on_region(sampled)
     else:
@@ -277,7 +300,9 @@ def require_ahead_of_arm(sampled: Sampled, workcell: Workcell, arm: str) -> None
     assert (np.abs(center) <= room + 1e-6).all()
     at_border = (np.abs(center) > room - 1e-5).any(0)
     assert at_border.mean() < 0.5
-    local = base_rotations(workcell)[index, :2, :2].T @ ([x, y] - base_positions(workcell)[index, :2, None])
+    local = base_rotations(workcell)[index, :2, :2].T @ (
+        [x, y] - base_positions(workcell)[index, :2, None]
+    )
     distance, angle = np.hypot(*local), np.arctan2(local[1], local[0])
     near, far = PLACING_RADIUS
     assert (distance[~at_border] >= near - 1e-5).all() and (distance <= far + 1e-5).all()
@@ -292,7 +317,9 @@ def test_an_object_that_does_not_fit_at_a_yaw_sticks_out() -> None:
     small[0, 3:] = [0.085, 0.05]
     u = np.random.default_rng(1).random((UNIFORM_NUMBERS, CANDIDATES, PROPOSALS), np.float32)
     proposal = proposal_of(place("left", "yellow", "goal"), ModeKind.HELD)
-    found = jax.tree.map(np.asarray, proposal.propose(sampled.step._replace(support=small), sampled.before, u))
+    found = jax.tree.map(
+        np.asarray, proposal.propose(sampled.step._replace(support=small), sampled.before, u)
+    )
     support = sampled.problem.support.copy()
     support[-1] = small[0]
     again = sampled._replace(problem=sampled.problem._replace(support=support), found=found)
@@ -304,7 +331,8 @@ def test_an_object_that_does_not_fit_at_a_yaw_sticks_out() -> None:
 def test_facing_arms_get_mirror_images_on_the_table() -> None:
     """Of the right arm's placements those of the left one are the images with x reversed."""
     left, right = (
-        sample(FACING, [grasp(arm, "+x", "can"), place(arm, "can", "table")]).found.m for arm in ("left", "right")
+        sample(FACING, [grasp(arm, "+x", "can"), place(arm, "can", "table")]).found.m
+        for arm in ("left", "right")
     )
     np.testing.assert_allclose(left[0], -right[0], atol=1e-6)
     np.testing.assert_allclose(left[1:], right[1:], atol=1e-6)
@@ -328,8 +356,12 @@ def test_a_prefix_gets_the_same_whatever_its_batch() -> None:
     together = proposal_of(skeletons[0][-1], ModeKind.HELD).propose(steps, befores, numbers)
     for index, one in enumerate(alone):
         np.testing.assert_allclose(np.asarray(together.m)[:, index], one.found.m[:, 0], **TOLERANCE)
-        np.testing.assert_allclose(np.asarray(together.position)[:, :, index], one.found.position[:, :, 0], **TOLERANCE)
-        np.testing.assert_allclose(np.asarray(together.overhang)[index], one.found.overhang[0], **TOLERANCE)
+        np.testing.assert_allclose(
+            np.asarray(together.position)[:, :, index], one.found.position[:, :, 0], **TOLERANCE
+        )
+        np.testing.assert_allclose(
+            np.asarray(together.overhang)[index], one.found.overhang[0], **TOLERANCE
+        )
 
 
 def meeting_region(workcell: Workcell, giver: int, taker: int) -> tuple[Floats, Floats]:
@@ -371,7 +403,9 @@ def test_both_arms_reach_a_part_of_the_meeting_region(name: str) -> None:
         [MEETING_ALONG, MEETING_ACROSS, MEETING_HEIGHT[1]],
         (4000, 3),
     ).T
-    p = np.column_stack([*(center[:, None] + np.outer(axis, along) + np.outer([-axis[1], axis[0]], across)), height])
+    p = np.column_stack(
+        [*(center[:, None] + np.outer(axis, along) + np.outer([-axis[1], axis[0]], across)), height]
+    )
     shoulders = base_positions(workcell) + np.array([0, 0, 0.333])
     reachable = (np.linalg.norm(p[:, None] - shoulders, axis=2) < 0.855).all(1)
     assert reachable.mean() > REACHABLE[name]
