@@ -98,7 +98,7 @@ class KeyframeBeam(NamedTuple):
     """Mode parameters of the action that attached each object; zero for objects that have not moved."""
 
     violation: Float[Array, "*prefixes candidates"]
-    """Sum of penetration depths and overhangs over the prefix's switches [m]; `UNREACHABLE` or more without postures."""
+    """Sum of penetration depths and overhangs at all switches [m]; `UNREACHABLE` or more if there are no postures."""
 
     q: Float[Array, "*prefixes candidates switches joints"]
     """Joint angles at the switches so far [rad]."""
