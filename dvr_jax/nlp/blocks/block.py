@@ -89,8 +89,8 @@ class Evaluation(NamedTuple):
     """Values of the rows, h or g."""
 
     jacobian: Any
-    """Derivatives of the rows in any structure that the block's `add_to_system` reads. Every array has a leading axis B.
-    It is None if `add_to_system` needs none."""
+    """Derivatives of the rows, in any structure that the block's `add_to_system` reads. Every array has a leading axis
+    B. It is None if `add_to_system` needs none."""
 
     violation: tuple[Float[Array, " batch"], ...]
     """Largest violation of each of the block's `measures`, in their order; zero or positive."""
@@ -161,5 +161,5 @@ class ConstraintBlock:
 
     add_to_system: AddToSystem
     """Function that returns the Gauss-Newton system with the rows of one problem (without batch axes) added to it.
-    It is called as ``add_to_system(parts, problem, x, jacobian, multiplier_estimate, active_penalty)``; `jacobian` is that of
-    the problem's `Evaluation`, and the last two arrays have the shape of the rows."""
+    It is called as ``add_to_system(parts, problem, x, jacobian, multiplier_estimate, active_penalty)``; `jacobian` is
+    that of the problem's `Evaluation`, and the last two arrays have the shape of the rows."""
