@@ -1,15 +1,16 @@
-"""Linear solve with the structure of a path: block-banded in time, with a dense border of mode parameters.
+"""Solve linear systems with the structure of a path: block-banded in time, with a dense border of mode parameters.
 
-The matrix is that of `dvr_jax.nlp.system`. Two slices make a block of 2 D, so that each block is coupled with its
-neighbors only, by full matrices. A block Cholesky factorization runs along time under `lax.scan`,
+The matrix is defined in `dvr_jax.nlp.system`. Two consecutive slices form a *pair*, a block of size 2 D, so that each
+block is coupled only with its neighbors. A block Cholesky factorization runs along time under `lax.scan`. With the
+diagonal block own_i of pair i and its coupling ahead_i with the next pair,
 
     L_i L_i^T = own_i - C_{i-1}^T C_{i-1},        C_i = L_i^-1 ahead_i,
 
-and the border is eliminated by its Schur complement. Keyframes have no coupling in time: their slices are factorized
-side by side.
+and the border is eliminated by its Schur complement. Keyframes are not coupled in time, so their slices are factorized
+independently.
 
-Matrices that go to LAPACK are transposed, and its triangular solves are those from the right: LAPACK stores by columns
-what XLA stores by rows, so nothing is rearranged, and OpenBLAS is nearly twice as fast that way round.
+Matrices are passed to LAPACK transposed, and its triangular solves multiply from the right. LAPACK stores matrices by
+columns and XLA by rows, so nothing has to be rearranged, and OpenBLAS is nearly twice as fast in this form.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from dvr_jax.nlp.system import BorderedSystem
 
 
 class _Pair(NamedTuple):
-    """What belongs to two slices."""
+    """The parts of the system that belong to two consecutive slices; M is the number of mode parameters."""
 
     own: Array
     """(2 D, 2 D) their block of the matrix."""
