@@ -72,8 +72,8 @@ HOME_DISTANCE_WEIGHT = 0.01
 """Weight of the squared joint distance of a posture from home [1/rad^2]; it ranks postures that reach their pose."""
 
 CERTIFIED_PENETRATION = 5e-4
-"""A candidate whose penetrations sum up to at most this proves its prefix's keyframes feasible: it meets all other
-constraints exactly [m]."""
+"""Largest violation of a candidate that proves that its prefix has feasible keyframes [m]; a candidate satisfies all
+constraints other than penetration and overhang exactly."""
 
 UNREACHABLE = 10.0
 """Violation that is assigned to a proposal for which inverse kinematics has no solution [m]."""
