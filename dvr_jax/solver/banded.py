@@ -67,14 +67,14 @@ def _inverse_factor(A: Array) -> Array:
 def solve_bordered(
     system: BorderedSystem, damping: Float[Array, ""]
 ) -> tuple[Float[Array, "slices joints"], Float[Array, " parameters"]]:
-    """Newton step of a system.
+    """Solve a damped Gauss-Newton system for the steps of joint angles and mode parameters.
 
     Args:
         system: The system.
-        damping: Added to the whole diagonal.
+        damping: Number that is added to the whole diagonal.
 
     Returns:
-        Steps of the joint angles and of the mode parameters; NaN where the matrix is indefinite.
+        Steps of the joint angles and of the mode parameters; NaN if the damped matrix is indefinite.
     """
     D = system.gradient_q.shape[1]
     A = system.diagonal + damping * jnp.eye(D, dtype=system.diagonal.dtype)
@@ -87,7 +87,7 @@ def solve_bordered(
 def _solve_uncoupled(
     system: BorderedSystem, A: Array, right: Array, damping: Array
 ) -> tuple[Array, Array]:
-    """Slices that nothing couples in time, side by side."""
+    """Solve a keyframe system, whose slices are not coupled in time."""
     inverse = _inverse_factor(A)
     reduced = inverse @ right
     dm = _solve_corner(system, reduced, damping)
@@ -98,7 +98,7 @@ def _solve_uncoupled(
 def _solve_coupled(
     system: BorderedSystem, A: Array, right: Array, damping: Array, B1: Array, B2: Array
 ) -> tuple[Array, Array]:
-    """Slices of a path, by a forward and a backward sweep over pairs of slices."""
+    """Solve the system of a path by a forward and a backward sweep over pairs of slices."""
     T, D = system.gradient_q.shape
     own, ahead = _pair_blocks(A, B1, B2)
     width = own.shape[-1]
@@ -126,13 +126,13 @@ def _solve_coupled(
 
 
 def _in_pairs(value: Array) -> Array:
-    """(T, D, ...) as (T / 2, 2 D, ...), with zeros after an odd last one."""
+    """Reshape (T, D, ...) to (T / 2, 2 D, ...); an odd number of slices is padded with zeros."""
     padded = jnp.pad(value, [(0, len(value) % 2), *[(0, 0)] * (value.ndim - 1)])
     return padded.reshape(-1, 2 * value.shape[1], *value.shape[2:])
 
 
 def _pair_blocks(A: Array, B1: Array, B2: Array) -> tuple[Array, Array]:
-    """Blocks (T / 2, 2 D, 2 D) of pairs of slices, and of each pair's coupling with the next one."""
+    """Return the blocks (T / 2, 2 D, 2 D) of pairs of slices, and those of each pair's coupling with the next one."""
     T, D = B2.shape
     identity = jnp.eye(D, dtype=A.dtype)
     if T % 2:
@@ -149,7 +149,7 @@ def _pair_blocks(A: Array, B1: Array, B2: Array) -> tuple[Array, Array]:
 
 
 def _solve_corner(system: BorderedSystem, reduced: Array, damping: Array) -> Array:
-    """Step of the mode parameters (M,) from the forward-reduced right-hand sides, rows of M + 1."""
+    """Compute the step of the mode parameters (M,) from the forward-reduced right-hand sides, rows of M + 1."""
     M = system.gradient_m.shape[0]
     flat = reduced.reshape(-1, M + 1)
     product = flat.T @ flat
