@@ -1,4 +1,4 @@
-"""Task and motion planning for two arms: a scene in, a checked motion out.
+"""dvr_jax plans tasks and motions for two arms: it turns a scene into a motion that an independent check has accepted.
 
     import dvr_jax as dvr
 
@@ -7,8 +7,8 @@
     print(plan.status, *plan.action_descriptions, sep="\\n")
     plan.save("out/plan")
 
-The public API is what `__all__` names. `import dvr_jax` takes milliseconds: a name is imported from its module when it
-is first used, and JAX with the first name that needs it.
+The public API consists of the names in `__all__`. `import dvr_jax` takes milliseconds, because a name is imported from
+its module when it is first used, and JAX is imported with the first name that needs it.
 """
 
 from importlib import import_module
@@ -59,12 +59,12 @@ _PUBLIC_NAMES: dict[str, str] = {
     "DataError": "dvr_jax.errors:DataError",
     "OptionError": "dvr_jax.errors:OptionError",
 }
-"""Public names, each with "module:name" of what it stands for."""
+"""Maps each public name to "module:name", the place that it is imported from."""
 
 __all__ = sorted(_PUBLIC_NAMES)
 
 if TYPE_CHECKING:
-    # The same names for type checkers and editors, which cannot read the table; a test compares the two.
+    # Type checkers and editors cannot read the table above, so the names are repeated here; a test compares the two.
     from dvr_jax.checker import CheckReport as CheckReport
     from dvr_jax.errors import DataError as DataError
     from dvr_jax.errors import DvrError as DvrError

@@ -1,12 +1,14 @@
-"""The independent check of a plan: every sample of its motion is replayed in MuJoCo C and compared with the actions.
+"""The independent check of a plan replays every sample of its motion in MuJoCo C and compares it with the actions.
 
-A walk through the actions tells which object is attached to what, from which switch to which (`Timeline`). Everything
-else is read from MuJoCo's own kinematics and collisions; neither the optimizer's kinematics nor its distances are used.
+The actions determine which object is attached to what, from which switch to which (`Timeline`). Everything else is
+computed by MuJoCo's own kinematics and collision detection; neither the kinematics nor the distances of the optimizer
+are used.
 
-Whatever touches may penetrate by `DEEPEST_CONTACT` at most, a gripper and the object that it holds included. Where two
-bodies might meet between two samples, the check also looks at states in between (`dvr_jax.checker.motion_contacts`).
+Any two bodies may penetrate each other by at most `DEEPEST_CONTACT`, also a gripper and the object that it holds. If
+two bodies might meet between two samples, the check also examines states in between
+(`dvr_jax.checker.motion_contacts`).
 
-There are no dynamics: no forces and no friction. A grasp carries its object because the fingers are closed.
+The check is kinematic: it computes no forces and no friction. A closed gripper is assumed to carry its object.
 """
 
 from __future__ import annotations
@@ -60,7 +62,7 @@ def check_motion(
         scene: The scene.
         actions: The actions, one for each switch of the motion.
         motion: The motion.
-        operators: Operators that the actions may be of.
+        operators: The check's operators; every action has to be of one of them.
 
     Returns:
         The verdict with all findings.
@@ -99,7 +101,7 @@ def check_motion(
 
 
 def _validate_fit(scene: Scene, actions: Sequence[Action], motion: Motion) -> None:
-    """Refuse a motion whose arrays do not fit the scene and the actions."""
+    """Raise `MotionError` if the arrays of a motion do not fit the scene and the actions."""
     validate_motion(motion)
 
     layout = qpos_layout(scene)
@@ -122,12 +124,13 @@ def _validate_fit(scene: Scene, actions: Sequence[Action], motion: Motion) -> No
 
 
 def _replay(scene: Scene, motion: Motion, log: FindingLog) -> tuple[ReplayedMotion, float]:
-    """Compute all poses of a motion, log what penetrates, and return the deepest penetration [m]."""
-    # The search for contacts changes the model's margins, and the built model is shared.
+    """Compute all poses of a motion and log penetrations; return the poses and the deepest penetration [m]."""
+    # The search for contacts changes the model's margins, so it needs its own copy of the shared model.
     model = copy.copy(build_model(scene))
     states, sample = dense_states(model, motion)
     poses = _all_poses(model, states)
 
+    # Contacts of all states, including those between the samples; a finding names the sample that a state leads to.
     contacts = find_contacts(model, states, GeomPoses(poses.geom_positions, poses.geom_rotations))
     labels = [_geom_label(model, geom) for geom in range(model.ngeom)]
     for contact in np.flatnonzero(contacts.distance < -DEEPEST_CONTACT):
@@ -142,7 +145,7 @@ def _replay(scene: Scene, motion: Motion, log: FindingLog) -> tuple[ReplayedMoti
             DEEPEST_CONTACT,
         )
 
-    # The last of the states that lead to a sample is the sample itself.
+    # Of the states that lead to a sample, the last one is the sample itself. The other checks examine only samples.
     is_sample = np.append(np.diff(sample) > 0, True)
     bodies = [model.body(object_body_name(item.name)).id for item in scene.objects]
     sites = [model.site(f"{arm}/gripper").id for arm in scene.workcell.arm_names]
@@ -159,7 +162,7 @@ def _replay(scene: Scene, motion: Motion, log: FindingLog) -> tuple[ReplayedMoti
 
 @dataclass(frozen=True, slots=True)
 class _Poses:
-    """World poses of everything in a MuJoCo model in many states: positions [m] and rotations."""
+    """World poses of all bodies, sites and geoms of a MuJoCo model in many states: positions [m] and rotations."""
 
     body_positions: Float[np.ndarray, "states bodies 3"]
     body_rotations: Float[np.ndarray, "states bodies 3 3"]
@@ -170,7 +173,7 @@ class _Poses:
 
 
 def _all_poses(model: mujoco.MjModel, states: Float[np.ndarray, "states nq"]) -> _Poses:
-    """Compute the forward kinematics of all states."""
+    """Compute the world poses of all bodies, sites and geoms in all states by forward kinematics."""
     data = mujoco.MjData(model)
     number = len(states)
     poses = _Poses(
@@ -182,7 +185,7 @@ def _all_poses(model: mujoco.MjModel, states: Float[np.ndarray, "states nq"]) ->
         geom_rotations=np.empty((number, model.ngeom, 3, 3)),
     )
 
-    # MuJoCo writes the poses of every state into the same arrays, so one look-up of each is enough.
+    # MuJoCo writes the poses of every state into the same arrays, so the attributes are looked up only once.
     copies = (
         (poses.body_positions, data.xpos),
         (poses.body_rotations, data.xmat.reshape(-1, 3, 3)),
@@ -200,9 +203,9 @@ def _all_poses(model: mujoco.MjModel, states: Float[np.ndarray, "states nq"]) ->
 
 
 def _geom_label(model: mujoco.MjModel, geom: int) -> str:
-    """Name of a geom's body in findings, as in "left/hand", "object/yellow" or "fixed/wall"."""
+    """Return the name of a geom's body for findings, as in "left/hand", "object/yellow" or "fixed/wall"."""
     body = int(model.geom_bodyid[geom])
-    # The world's own geoms are known by their own names.
+    # Geoms of the world body, such as the table, are named individually.
     name = str(model.body(body).name if body else model.geom(geom).name)
     # The model encodes the names of a scene's bodies for XML.
     if name.startswith(("object/", "fixed/")):

@@ -1,17 +1,18 @@
-"""Codes of grounded actions: a symbol, the normal of a face and a pair of masks for each action.
+"""Encode each action of a scene for the network as a symbol, the normal of the grasped face, and a pair of masks.
 
-As in the paper, an action is split into a symbol, of which there are equally many in every scene, and the tuple of
-objects that it operates on:
+A *grounded* action is an operator with arguments from the scene. As in the paper, it is split into a *symbol* and the
+*tuple* of objects that it involves. The set of symbols is the same for every scene. The tuple is shown to the network
+as images (`dvr_jax.model.images`): a *mask* marks the pixels of one object or of the goal region.
 
-- The symbol of a grasp holds arm and face; its tuple is (object,).
-- The symbol of a place holds arm and support. Its tuple is (object, goal region) on the goal and (object,) on the
-  table, because the table is all that no mask shows and the symbol already names it.
+- The symbol of a grasp contains arm and face; its tuple is (object,).
+- The symbol of a place contains arm and support. Its tuple is (object, goal region) for a place on the goal, and
+  (object,) for a place on the table. The table needs no mask, because the symbol names it.
 
 A scene of N objects has `actions_per_object()` N actions and `tuples_per_object()` N distinct tuples.
 
-A symbol names a face by the direction in which it looks in the initial scene: east (+x of the world), north, west or
-south. The name in the object's own frame, such as +x, cannot be seen: a box that is turned by 180 degrees looks the
-same, and so does a box that is turned by 90 degrees with its sides exchanged.
+A symbol names a face by the direction of its outward normal in the initial scene: east (+x of the world), north, west
+or south. The name in the object's own frame, such as +x, is not visible in an image: a box that is turned by 180
+degrees looks the same, and so does a box that is turned by 90 degrees with its sides exchanged.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ from dvr_jax.shapes import FACES
 from dvr_jax.workcell.workcell import DEFAULT_WORKCELL, Workcell
 
 Symbol = tuple[str, ...]
-"""Operator and those of its arguments that are no objects, such as `("grasp", "left", "east")`."""
+"""Name of an operator and those of its arguments that are not objects, such as `("grasp", "left", "east")`."""
 
 TRAINED_WORKCELL = DEFAULT_WORKCELL
 """The workcell in which the networks are trained."""
@@ -45,13 +46,13 @@ TRAINED_ARMS = TRAINED_WORKCELL.arm_names
 """Names of the two arms with which the networks are trained; a scene's mirror image in x exchanges them."""
 
 DIRECTIONS = ("east", "north", "west", "south")
-"""Directions in which a face may look: +x, +y, -x, -y of the world, each within 45 degrees."""
+"""Names of the directions of a face's normal: +x, +y, -x, -y of the world, each within 45 degrees."""
 
 SUPPORTS = (TABLE_SUPPORT, GOAL_SUPPORT)
 """Supports that the networks know."""
 
 _WORDS = {Parameter.ARM: TRAINED_ARMS, Parameter.FACE: DIRECTIONS, Parameter.SUPPORT: SUPPORTS}
-"""Words for each kind of argument that is no object."""
+"""Possible words for each type of argument that is not an object."""
 
 
 def _symbols_of(operator: Operator) -> Iterator[Symbol]:
@@ -68,8 +69,10 @@ SYMBOLS: tuple[Symbol, ...] = tuple(
 """All symbols; the index of a symbol in this list is its code."""
 
 _CODES = {symbol: code for code, symbol in enumerate(SYMBOLS)}
+"""Code of each symbol."""
 
 _PLACES_ON_GOAL = frozenset(symbol for symbol in SYMBOLS if symbol[-1] == GOAL_SUPPORT)
+"""Symbols of actions that place an object on the goal region; their last word is the support."""
 
 _REVERSED_IN_X = {
     **dict(zip(TRAINED_ARMS, reversed(TRAINED_ARMS), strict=True)),
@@ -93,13 +96,13 @@ def actions_per_object() -> int:
 def tuples_per_object() -> int:
     """Return the number of distinct tuples of a scene divided by its number of objects.
 
-    The symbols decide with what an object occurs in a tuple: alone, or with the goal region.
+    An object occurs in a tuple alone or together with the goal region, depending on the symbol.
     """
     return len({symbol in _PLACES_ON_GOAL for symbol in SYMBOLS})
 
 
 def _mirrored_codes() -> Int[np.ndarray, "2 2 symbols"]:
-    """Return the table `MIRRORED`."""
+    """Return the code of each symbol in each of the four mirrored scenes, the table `MIRRORED`."""
     codes = np.empty((2, 2, len(SYMBOLS)), np.int32)
     for in_x, in_y in product((0, 1), repeat=2):
         words = (_REVERSED_IN_X if in_x else {}) | (_REVERSED_IN_Y if in_y else {})
@@ -137,10 +140,10 @@ class ActionCodes(NamedTuple):
 
 
 def object_pairs(number: int) -> Int[np.ndarray, "tuples 2"]:
-    """Return the two masks of each distinct tuple of a scene of N objects.
+    """Return the indices of the two masks of each distinct tuple of a scene of N objects.
 
-    Tuple i is object i alone, tuple N + i is object i with the goal region. A mask is an index into the masks of
-    `dvr_jax.model.images.SceneImages`: the N objects, the goal region (N), zeros (N + 1).
+    Tuple i is object i alone, and tuple N + i is object i with the goal region. The indices refer to the masks of
+    `dvr_jax.model.images.SceneImages`: the N objects, the goal region (index N) and a mask of zeros (index N + 1).
     """
     objects = np.arange(number)
     no_second_object = np.full(number, number + 1)
@@ -222,7 +225,7 @@ def _symbol(action: Action, words: tuple[str, ...], item: SceneObject) -> Symbol
 
 
 def _face_normal(word: str, item: SceneObject) -> tuple[float, float]:
-    """Return the horizontal normal of a box's face, and zero where the word is no face or the object no box."""
+    """Return the horizontal outward normal of a box's face, and zero if the word is no face or the object no box."""
     if word not in FACES or not item.kind.has_faces:
         return 0.0, 0.0
     angle = item.yaw + FACES.index(word) * math.pi / 2
@@ -230,7 +233,7 @@ def _face_normal(word: str, item: SceneObject) -> tuple[float, float]:
 
 
 def direction(face: str, item: SceneObject) -> str:
-    """Return the direction in which a face of an object looks in the initial scene.
+    """Return the direction of a face's outward normal in the initial scene.
 
     Args:
         face: One of `FACES`.
@@ -245,7 +248,7 @@ def direction(face: str, item: SceneObject) -> str:
 
 
 def input_signature() -> str:
-    """Return a hash of what the network's inputs mean: of the symbolic domain and of the list of symbols.
+    """Return a hash of the symbolic domain and of the list of symbols, which define what the network's inputs mean.
 
     A network with another signature was trained on other actions.
     """
@@ -254,7 +257,7 @@ def input_signature() -> str:
 
 
 def unfit_reason(scene: Scene, operators: Sequence[Operator]) -> str | None:
-    """Say why the networks of this encoding cannot guide a search.
+    """Return why networks that use this encoding cannot guide a search, or None if they can.
 
     Args:
         scene: The scene.
@@ -272,6 +275,6 @@ def unfit_reason(scene: Scene, operators: Sequence[Operator]) -> str | None:
 
 
 def _placement(workcell: Workcell) -> object:
-    """Everything about a workcell but the home postures."""
+    """Return everything that defines a workcell except its home postures, for comparison."""
     arms = tuple((arm.name, arm.position, arm.yaw) for arm in workcell.arms)
     return workcell.robot.name, workcell.table, arms

@@ -1,11 +1,20 @@
-"""The network's computations as functions of its parameters: codes of images and symbols, and steps of the GRU.
+"""Evaluate the network as functions of its parameters: encode images and symbols, and advance the recurrent layer.
 
-They compute what `dvr_jax.model.network.Network` defines, the expensive parts faster:
+A *code* is the vector that the network computes from an image or a symbol. A *view* is a scene, possibly mirrored. An
+action-object image consists of the heights of a view and two of its masks. The recurrent layer is a gated recurrent
+unit (GRU). The functions compute what `dvr_jax.model.network.Network` defines, but do the expensive parts faster:
 
-- `encode_images` convolves heights once per view and masks once per mask, not once per image.
-- `input_gates` computes once per scene what each action adds to the GRU's gates, whatever was done before it, and
-  `advance_from_gates` continues from there. Flax's cell multiplies codes and state by all its kernels in each call,
-  which is five times the work of a query.
+- `encode_images` convolves the heights once for each view and every mask once, instead of once for each image.
+- `input_gates` computes once for each scene those summands of the GRU's gates that depend on the action only, and
+  `advance_from_gates` adds those that depend on the hidden state. Flax's cell computes both in each call, which takes
+  five times as long.
+
+The GRU has hidden state s, input x (the codes of symbol, image and goal), logistic function sigma and the gates
+
+    r = sigma(W_r x + b_r + U_r s),        z = sigma(W_z x + b_z + U_z s),
+    n = tanh(W_n x + b_n + r (U_n s + c_n)),        s <- (1 - z) n + z s
+
+(reset gate r, update gate z, candidate n; Cho et al. 2014).
 """
 
 from __future__ import annotations
@@ -39,12 +48,12 @@ def encode_images(
     view: Int[Array, " images"],
     pairs: Int[Array, "images 2"],
 ) -> Float[Array, "images dense"]:
-    """Encode action-object images of views of scenes.
+    """Compute the codes of action-object images of views of scenes.
 
     Args:
         parameters: Parameters of the network.
-        height: Heights of each scene.
-        masks: Masks of each scene; the last of a scene is all zeros.
+        height: Heights above the empty table, for each scene.
+        masks: Masks of each scene; the last mask of a scene is all zeros.
         scene: The scene that each view shows.
         mirrored: Whether each view reverses the scene's x and its y.
         view: The view that each image belongs to.
@@ -71,7 +80,7 @@ def _halving_convolution(
     layer: dict[str, Array],
     images: Float[Array, "images rows columns depth"],
 ) -> Float[Array, "images rows columns outputs"]:
-    """Return the response of a layer with stride 2 to space-to-depth images, as plain images."""
+    """Apply a convolutional layer with stride 2 to images in space-to-depth layout, and return plain images."""
     kernel = stride_two_kernel(layer["kernel"])
     return nn.relu(convolve(images, kernel) + layer["bias"])
 
@@ -83,9 +92,10 @@ def _first_convolution(
     view: Int[Array, " images"],
     pairs: Int[Array, "images 2"],
 ) -> Float[Array, "images rows columns depth"]:
-    """Return the first layer's response to each image, as space-to-depth images.
+    """Apply the first layer to each image, and return the result in space-to-depth layout.
 
-    The convolution is linear, so the parts of heights and masks are computed one by one and then added for each image.
+    The convolution is linear in its channels. The responses to each view's heights and to each mask are therefore
+    computed once, and then added for each image.
     """
     kernels = [layer["kernel"][:, :, channel : channel + 1] for channel in range(CHANNELS)]
     height_kernel, *mask_kernels = map(stride_one_kernel, kernels)
@@ -112,7 +122,7 @@ def encode_symbols(
     symbols: Int[Array, "*actions"],
     normals: Float[Array, "*actions 2"],
 ) -> Float[Array, "*actions dense"]:
-    """Encode symbols; see `Network.encode_symbols`.
+    """Compute the codes of symbols, as `Network.encode_symbols` does.
 
     Args:
         parameters: Parameters of the network.
@@ -139,11 +149,11 @@ def advance(
     image_code: Float[Array, "*batch dense"],
     goal_code: Float[Array, "*batch dense"] | None,
 ) -> tuple[Float[Array, "*batch"], Float[Array, "*batch hidden"]]:
-    """Advance the hidden state by one action; see `Network.advance`.
+    """Advance the GRU's hidden state by one action, as `Network.advance` does.
 
     Args:
         parameters: Parameters of the network.
-        hidden: State before the action.
+        hidden: Hidden state before the action.
         symbol_code: Code of the action's symbol.
         image_code: Code of the action's image.
         goal_code: Code of the goal's image; ignored by a network without goal.
@@ -170,7 +180,7 @@ def input_gates(
     image: Int[Array, " actions"],
     goal_code: Float[Array, " dense"],
 ) -> Float[Array, "actions gates"]:
-    """Compute what actions add to the GRU's gates, whatever was done before them.
+    """Compute the summands of the GRU's gates that depend on an action but not on the hidden state.
 
     Args:
         parameters: Parameters of the network.
@@ -180,7 +190,7 @@ def input_gates(
         goal_code: Code of the goal's image; ignored by a network without goal.
 
     Returns:
-        The summands of reset gate, update gate and candidate, one after the other (A, 3 hidden).
+        The summands W x + b of reset gate, update gate and candidate, one after the other (A, 3 hidden).
     """
     layers = [parameters.tree["cell"][name] for name in INPUT_LAYERS]
     kernel = jnp.concatenate([layer["kernel"] for layer in layers], axis=1)
@@ -198,12 +208,12 @@ def advance_from_gates(
     hidden: Float[Array, "#batch hidden"],
     gates: Float[Array, "#batch gates"],
 ) -> tuple[Float[Array, "#batch"], Float[Array, "#batch hidden"]]:
-    """Advance the hidden state by one action, from what `input_gates` gave for it.
+    """Advance the GRU's hidden state by one action, given the summands that `input_gates` computed for the action.
 
     Args:
         parameters: Parameters of the network.
-        hidden: State before each action (B, hidden), or one state before all actions (1, hidden).
-        gates: What each action adds to the gates (B, 3 hidden).
+        hidden: Hidden state before each action (B, hidden), or one state before all actions (1, hidden).
+        gates: Summands of the gates for each action (B, 3 hidden).
 
     Returns:
         The logits of the actions (B,) and the states after them (B, hidden), as `advance` gives them.
@@ -241,6 +251,7 @@ def run_sequence(
     """
 
     def body(hidden: Array, codes: tuple[Array, Array]) -> tuple[Array, Array]:
+        """Advance the hidden state by one action of every sequence."""
         symbol_code, image_code = codes
         logit, hidden = advance(parameters, hidden, symbol_code, image_code, goal_code)
         return hidden, logit

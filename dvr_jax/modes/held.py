@@ -1,4 +1,4 @@
-"""The mode of an object that a gripper holds: it is rigidly attached to the hand.
+"""The mode of an object that a gripper holds: the object is rigidly attached to the hand.
 
 The mode parameters ``m = (tangent, height, pitch, yaw)`` place the gripper in the object's frame, ``T_object_hand``.
 With the yaw ``phi = closing_yaw + yaw``,
@@ -72,7 +72,7 @@ class HeldPoses(NamedTuple):
 
 
 def grasp_frame(m: Float[Array, "4 *#batch"], closing_yaw: Float[Array, "*#batch"]) -> GraspFrame:
-    """The gripper in the object's frame, by the definition in the module's docstring.
+    """Compute the pose of the gripper in the object's frame, by the definition in the module's docstring.
 
     Args:
         m: Mode parameters.
@@ -91,7 +91,7 @@ def grasp_frame(m: Float[Array, "4 *#batch"], closing_yaw: Float[Array, "*#batch
 
 
 def poses(attached: Attachment, hands: HandPoses) -> HeldPoses:
-    """World poses of all objects as if each were held by its parent.
+    """Compute the world poses of all objects as if each were held by its parent, the arm of that index.
 
     Args:
         attached: How the objects are attached, batch axes (N, L).
@@ -118,10 +118,10 @@ def poses(attached: Attachment, hands: HandPoses) -> HeldPoses:
 def twists(
     held: HeldPoses, position: Vector
 ) -> tuple[Float[Array, "3 4 *#batch"], Float[Array, "3 4 *#batch"]]:
-    """World twist of held objects at unit rate of each mode parameter, while the hand stands still.
+    """Compute the world twist of held objects at unit rate of each mode parameter, while the hand does not move.
 
-    The object moves against the motion that the hand would have in the object's frame. With the closing axis n and the
-    tangent u in world axes, and with the object's own vertical axis z,
+    The object moves opposite to the motion of the hand in the object's frame. With the closing axis n and the tangent u
+    in world axes, and with the object's own vertical axis z,
 
         tangent    velocity -u,
         height     velocity -z,
@@ -163,7 +163,7 @@ def twists(
 def frame_on_host(
     m: Float[np.ndarray, " 4"], closing_yaw: float
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"]]:
-    """The gripper in the object's frame for one object with NumPy, as `grasp_frame`.
+    """Compute the pose of the gripper in the frame of one object with NumPy, as `grasp_frame` does.
 
     Args:
         m: Mode parameters.
@@ -187,7 +187,7 @@ def pose_on_host(
     hand_rotation: Float[np.ndarray, "samples 3 3"],
     hand_position: Float[np.ndarray, "samples 3"],
 ) -> tuple[HostRotation, Float[np.ndarray, "samples 3"]]:
-    """World poses of one held object with NumPy.
+    """Compute the world poses of one held object with NumPy.
 
     Args:
         m: Mode parameters.

@@ -1,4 +1,8 @@
-"""The records that all modes share: kinds, attachments, poses."""
+"""The records that all modes share: kinds of modes, attachments and poses.
+
+A *mode* is the way in which an object is attached: it is fixed, placed or held. The mode parameters of an action
+determine the object's pose in its new mode; `dvr_jax.modes.placed` and `dvr_jax.modes.held` define them.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +15,7 @@ from dvr_jax.geometry.arrays import Array
 from dvr_jax.geometry.vectors import Rotation, Vector
 
 PARAMETERS = 4
-"""Mode parameters of an action. What they mean depends on the mode that the action starts; see `held` and `placed`."""
+"""Number of mode parameters of an action; their meaning depends on the new mode, see `held` and `placed`."""
 
 
 class ModeKind(IntEnum):

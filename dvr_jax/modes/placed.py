@@ -17,13 +17,13 @@ from dvr_jax.modes.mode import PARAMETERS, Attachment
 
 
 def standing_pose(attached: Attachment) -> Float[Array, "4 *#batch"]:
-    """Poses of placed objects: x, y, z [m] and yaw [rad]."""
+    """Return the poses of placed objects: x, y, z [m] and yaw [rad]."""
     m = attached.parameters
     return jnp.stack(jnp.broadcast_arrays(m[0], m[1], attached.half_height, m[2]))
 
 
 def twists(position: Vector) -> tuple[Float[Array, "3 4 *#batch"], Float[Array, "3 4 *#batch"]]:
-    """World twist of placed objects at unit rate of each mode parameter.
+    """Compute the world twist of placed objects at unit rate of each mode parameter.
 
     The first two parameters move the object along x and y. The third turns it about the vertical axis through its
     center p: its angular velocity is z, and the velocity of the point at the world's origin is ``p x z``.
@@ -52,7 +52,7 @@ def twists(position: Vector) -> tuple[Float[Array, "3 4 *#batch"], Float[Array, 
 def pose_on_host(
     m: Float[np.ndarray, " 4"], half_height: float
 ) -> tuple[Rotation, Float[np.ndarray, " 3"]]:
-    """Pose of one placed object with NumPy.
+    """Compute the pose of one placed object with NumPy.
 
     Args:
         m: Mode parameters.

@@ -10,7 +10,7 @@ from dvr_jax.modes.mode import Attachment, HandPoses, ModeKind, ObjectPoses
 
 
 def object_poses(attached: Attachment, hands: HandPoses) -> ObjectPoses:
-    """World poses of objects and their twists by the mode parameters.
+    """Compute the world poses of objects, and their twists at unit rate of each mode parameter.
 
     Args:
         attached: How the objects are attached, batch axes (N, L).

@@ -19,8 +19,8 @@ def joint_curve(
     """Interpolate the joint angles of a path over its slices.
 
     Args:
-        home: Joint angles of all arms at slice 0 [rad].
-        q: Joint angles at the slices 1 to T [rad].
+        home: Joint angles of all arms at slice 0, the beginning of the motion [rad].
+        q: Joint angles at the slices 1 to T [rad]; `dvr_jax.nlp.problem` counts these slices from 0.
 
     Returns:
         A function from slice numbers in [0, T], which need not be whole, to joint angles [rad].

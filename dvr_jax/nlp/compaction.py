@@ -1,9 +1,9 @@
-"""The few active rows of each slice, gathered from all slices and visited some at a time.
+"""Gather the few active rows from all slices, so that a loop can process a fixed number of them in each pass.
 
-Most distances of most slices are neither near nor in contact. To compute a number of rows in every slice, enough for
-the fullest one, is ten times the work on a path; so the active rows of all slices are counted through, and a loop
-visits a fixed number of them in each pass. What is computed for a row depends on that row alone, wherever in a pass it
-is.
+Most distances of most slices are far from contact. Compiled code needs arrays of fixed sizes, but processing as many
+rows in every slice as the slice with the most active rows has would take ten times as long on a path. The active rows
+of all slices are therefore numbered consecutively, and a loop processes a fixed number of them in each pass. The result
+for a row does not depend on its place in a pass.
 """
 
 from __future__ import annotations

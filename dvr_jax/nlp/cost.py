@@ -1,7 +1,7 @@
-"""The cost of one NLP: squared accelerations, and a weak pull to a given posture.
+"""The cost of one NLP is the sum of squared accelerations and of weighted squared distances from given postures.
 
-With the second differences ``a_t = q_t - 2 q_{t-1} + q_{t-2}`` of a path that starts at the home posture at rest, the
-targets r_t and weights w_t of the regularization,
+With the second differences ``a_t = q_t - 2 q_{t-1} + q_{t-2}`` of a path that starts at rest at the home posture, and
+with the targets r_t and weights w_t of the regularization,
 
     cost = 1/2 sum_t w_t (q_t - r_t)^2  +  1/2 ACCELERATION_WEIGHT sum_t a_t^2        (the second sum for paths only).
 """
@@ -17,13 +17,13 @@ from dvr_jax.nlp.problem import Problem, Variables
 from dvr_jax.nlp.system import SystemParts
 
 ACCELERATION_WEIGHT = 1.0
-"""Cost of a squared second difference [1/rad^2]."""
+"""Weight of the squared second differences in the cost [1/rad^2]."""
 
 
 def accelerations(
     problem: Problem, q: Float[Array, "slices joints"]
 ) -> Float[Array, "slices joints"]:
-    """Second differences of a path that starts at home at rest [rad/slice^2].
+    """Compute the second differences of a path that starts at rest at the home posture [rad/slice^2].
 
     Args:
         problem: The NLP, without batch axes.
@@ -34,7 +34,7 @@ def accelerations(
 
 
 def cost(problem: Problem, x: Variables) -> Float[Array, ""]:
-    """Half the sum of all squared costs.
+    """Compute the cost of a point, half the sum of all squared cost residuals.
 
     Args:
         problem: The NLP, without batch axes.
@@ -51,7 +51,7 @@ def cost(problem: Problem, x: Variables) -> Float[Array, ""]:
 def add_cost(
     parts: SystemParts, problem: Problem, x: Variables, gradient_scale: Float[Array, ""]
 ) -> SystemParts:
-    """Add the cost to a Gauss-Newton system, which is exact for it.
+    """Add the cost to a Gauss-Newton system; the cost is quadratic, so its Hessian is exact.
 
     Args:
         parts: The system so far.
@@ -80,7 +80,7 @@ def add_cost(
 
 
 def _acceleration_bands(T: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Diagonal, first and second sub-diagonal of D^T D for the second differences D, each (T,)."""
+    """Return diagonal, first and second sub-diagonal of D^T D, each (T,), for the matrix D of second differences."""
     D = np.eye(T) - 2 * np.eye(T, k=-1) + np.eye(T, k=-2)
     H = D.T @ D
     first = np.concatenate([[0.0], np.diag(H, -1)])

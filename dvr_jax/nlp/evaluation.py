@@ -1,8 +1,8 @@
-"""All constraint blocks of a batch of NLPs together: their rows, their violations, their Gauss-Newton system.
+"""Evaluate all constraint blocks of NLPs: compute their rows, their violations and the Gauss-Newton system.
 
-What "feasible" means is decided here: every violation of every block, in meters and radians, is within its tolerance.
-Solver, data set, search and benchmarks all use this. The largest single violation counts, never a sum of scaled terms:
-such a sum grows with the horizon. A path is feasible only if its motion between the samples is too
+This module defines what "feasible" means for solver, data set, search and benchmarks: every violation of every block,
+in meters or radians, is within its tolerance. The largest single violation counts, and not a sum of scaled violations,
+because such a sum grows with the number of slices. A path must also be feasible between its samples
 (`dvr_jax.solver.continuous_collision`), and a motion is a solution only if the independent check accepts it.
 """
 
@@ -49,16 +49,16 @@ TOLERANCES: dict[str, float] = {
 
 
 class FlatResiduals(NamedTuple):
-    """Something for every row of one NLP, in three arrays: every array costs kernels of its own."""
+    """A value for every row of one NLP, in three arrays; fewer arrays need fewer compiled kernels."""
 
     collision: Any
-    """Of the distances (T', P)."""
+    """Values of the collision rows (T M, P): M samples for each of the T slices, P distances for each sample."""
 
     equality: Any
-    """Of all equalities, one block after the other."""
+    """Values of the rows of all equalities, one block after the other."""
 
     inequality: Any
-    """Of all other inequalities, one block after the other."""
+    """Values of the rows of all other inequalities, one block after the other."""
 
 
 EQUALITIES = FlatResiduals(collision=False, equality=True, inequality=False)
@@ -66,7 +66,7 @@ EQUALITIES = FlatResiduals(collision=False, equality=True, inequality=False)
 
 
 def horizon_of(model: WorkcellModel, problems: Problem, x: Variables) -> Horizon:
-    """Sizes of an NLP, with or without batch axes.
+    """Return the sizes of an NLP, with or without batch axes.
 
     Args:
         model: Arms of the workcell.
@@ -117,7 +117,7 @@ def evaluate_constraints(
 
 
 def violations_of(evaluations: Evaluations) -> Violations:
-    """Largest violation of each measure (B,) [m or rad]."""
+    """Return the largest violation of each measure (B,) [m or rad]."""
     violations: Violations = {}
     for block in CONSTRAINT_BLOCKS:
         values = evaluations[block.name].violation
@@ -126,7 +126,7 @@ def violations_of(evaluations: Evaluations) -> Violations:
 
 
 def relative_violation(violations: Mapping[str, Array | float]) -> Float[Array, "*batch"]:
-    """The largest violation as a multiple of its tolerance: feasible where it is at most 1."""
+    """Return the largest ratio of a violation to its tolerance; a point is feasible if this is at most 1."""
     ratios = [value / TOLERANCES[name] for name, value in violations.items()]
     # On the host single lanes are judged, where NumPy is a hundred times faster.
     xp: Any = jnp if isinstance(ratios[0], jax.Array) else np
@@ -135,7 +135,7 @@ def relative_violation(violations: Mapping[str, Array | float]) -> Float[Array, 
 
 
 def flatten(rows: Mapping[str, Array]) -> FlatResiduals:
-    """Rows of one NLP by block name, as three arrays."""
+    """Convert values of rows by block name to three arrays."""
     parts: dict[ConstraintKind, list[Array]] = {kind: [] for kind in ConstraintKind}
     for block in _flat_blocks():
         parts[block.kind].append(rows[block.name].reshape(-1))
@@ -147,10 +147,10 @@ def flatten(rows: Mapping[str, Array]) -> FlatResiduals:
 
 
 def unflatten(flat: FlatResiduals, horizon: Horizon) -> dict[str, Array]:
-    """Rows of one NLP by block name: the inverse of `flatten`.
+    """Convert three arrays to values of rows by block name, the inverse of `flatten`.
 
     Args:
-        flat: Something for every row.
+        flat: A value for every row.
         horizon: Sizes of the NLP.
     """
     rows: dict[str, Array] = {COLLISION.name: flat.collision}
@@ -164,7 +164,7 @@ def unflatten(flat: FlatResiduals, horizon: Horizon) -> dict[str, Array]:
 
 
 def _flat_blocks() -> list[ConstraintBlock]:
-    """The blocks whose rows are kept side by side in one array for each kind."""
+    """Return the blocks whose rows are concatenated to one array for each kind: all but the collisions."""
     return [block for block in CONSTRAINT_BLOCKS if block is not COLLISION]
 
 
@@ -179,7 +179,7 @@ def _cut(values: Array, blocks: Sequence[ConstraintBlock], horizon: Horizon) -> 
 
 
 def number_of_flat_rows(horizon: Horizon) -> FlatResiduals:
-    """Shapes of the three arrays of one NLP."""
+    """Return the shapes of the three arrays of one NLP."""
 
     def count(kind: ConstraintKind) -> int:
         return sum(
@@ -194,7 +194,7 @@ def number_of_flat_rows(horizon: Horizon) -> FlatResiduals:
 
 
 def row_scales(horizon: Horizon, dtype: jnp.dtype) -> FlatResiduals:
-    """Penalty of each row relative to the common one.
+    """Return the penalty of each row relative to the solver's common penalty.
 
     Args:
         horizon: Sizes of the NLP.
@@ -224,11 +224,11 @@ def gauss_newton_system(
     active_penalty: Mapping[str, Array],
     gradient_scale: Float[Array, ""] | float = 1.0,
 ) -> BorderedSystem:
-    """Gauss-Newton system of the augmented Lagrangian of one NLP.
+    """Compute the Gauss-Newton system of the augmented Lagrangian of one NLP.
 
     Args:
         problem: The NLP, without batch axes.
-        x: The point at which it is taken.
+        x: The point at which the system is computed.
         jacobians: Derivatives of each block's rows, by block name; for the collisions the `NormalEquations` of the
         samples.
         multiplier_estimate: Derivative of the Lagrangian by each row, by block name.

@@ -1,7 +1,8 @@
-"""A batch of problems at given variables, laid out as slices.
+"""Lay out a batch of problems at given variables as slices, the configurations at which distances are computed.
 
-Every leaf of a problem and of its variables has a leading axis B here. Problem b contributes T' = T M slices, M
-samples of each of its T slices; all of them together are L = B T' slices.
+Here every array of a problem and of its variables has a leading axis B. Each problem contributes T' = T M
+configurations, M samples in the interval before each of its T slices, and each configuration counts as one slice
+(`dvr_jax.nlp.slices`). There are L = B T' slices in total.
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ def lay_out(problems: Problem, x: Variables) -> Slices:
 def sample_path(
     problems: Problem, q: Float[Array, "batch slices joints"]
 ) -> Float[Array, "batch samples joints"]:
-    """Joint angles at the samples of all slices [rad].
+    """Compute the joint angles at all samples [rad].
 
     A sample at the fraction s of the interval between two slices is ``(1 - s) q_before + s q + offset``.
 
@@ -78,7 +79,7 @@ def attachments(
     action: Int[Array, "batch states chosen"],
     item: Int[Array, "batch states"] | None = None,
 ) -> Attachment:
-    """How objects are attached in some states of each problem.
+    """Return how objects are attached in some states of each problem.
 
     Args:
         problems: A batch of problems.
@@ -128,10 +129,10 @@ def _phases_to_slices(value: Array, samples: int) -> Array:
 
 
 def _finger_openings(problems: Problem, samples: int, M: int) -> Float[Array, "arms slices"]:
-    """Finger openings at each sample.
+    """Return the finger openings at each sample.
 
-    In the M samples of a switch's slice it is the wider one of before and after the switch, so that fingers that open
-    as they let go find room.
+    At the M samples before a switch, the larger one of the openings before and after the switch is used, so that there
+    is room for fingers that open in this interval.
     """
     B, K, arms = problems.arm_at_rest.shape
     before = problems.finger_opening[:, :-1]

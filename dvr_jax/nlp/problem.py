@@ -1,11 +1,16 @@
 """The nonlinear program of one skeleton as arrays, and its decision variables.
 
-A skeleton of K actions has K phases; action k (0..K-1) is the mode switch at the end of phase k. With S steps a phase
-there are T = K S slices; slice t = 0..T-1 lies in phase t // S, and t = k S + S - 1 is the slice of switch k. S = 1
-gives the keyframes. N is the number of objects, F of fixed bodies, A of arms, D of joints of all arms.
+A skeleton of K actions has K phases, numbered k = 0, ..., K - 1. At the end of phase k, action k makes its mode switch:
+one object changes how it is attached. Each phase has S intervals of equal duration, and a slice is the instant at the
+end of an interval. There are T = K S slices. Slice t = 0, ..., T - 1 belongs to phase t // S, and slice t = k S + S - 1
+is the instant of switch k. With S = 1 the slices are the keyframes. N is the number of objects, F of fixed bodies, A of
+arms, and D of joints of all arms together.
 
-Skeletons are *data*: two problems with the same K, S, N, F and the same workcell structure differ in the entries of
-these arrays only, so they share one compilation and can be stacked along a leading axis.
+Skeletons are *data*: two problems with the same K, S, N, F and the same workcell structure differ only in the entries
+of these arrays, so they share one compiled program and can be stacked along a leading axis.
+
+The *closing axis* is the horizontal axis in the frame of a held object along which the fingers close. The modes
+(`dvr_jax.modes`) define the mode parameters.
 """
 
 from __future__ import annotations
@@ -24,11 +29,11 @@ class Variables(NamedTuple):
     """Joint angles of all arms [rad], arm after arm."""
 
     m: Float[Array, "*batch phases 4"]
-    """Mode parameters of each action; see `dvr_jax.modes`."""
+    """Mode parameters of each action [m or rad]; see `dvr_jax.modes`."""
 
 
 class Problem(NamedTuple):
-    """Arrays of one NLP; every leaf may carry leading batch axes."""
+    """Arrays that define one NLP; every array may have leading batch axes."""
 
     prism: Float[Array, "*batch objects 4"]
     """Shapes of the objects as prisms (hx, hy, hz, r) [m]; see `dvr_jax.geometry.prisms`."""
@@ -37,10 +42,10 @@ class Problem(NamedTuple):
     """Initial x, y, z [m] of the objects' centers and their yaw [rad]."""
 
     fixed_prism: Float[Array, "*batch fixed 4"]
-    """Shapes of the fixed bodies."""
+    """Shapes of the fixed bodies as prisms (hx, hy, hz, r) [m]."""
 
     fixed_pose: Float[Array, "*batch fixed 4"]
-    """Poses x, y, z, yaw of the fixed bodies."""
+    """Poses of the fixed bodies: x, y, z of the center [m] and yaw [rad]."""
 
     base_rotation: Float[Array, "*batch arms 3 3"]
     """Rotations of the arms' bases in the world."""
@@ -52,10 +57,10 @@ class Problem(NamedTuple):
     """Home posture of all arms [rad]; a path starts there at rest."""
 
     regularization_target: Float[Array, "*batch slices joints"]
-    """Posture that each slice is drawn to [rad]: home for keyframes, the initial path for a path."""
+    """Posture to which the cost pulls each slice [rad]: home for keyframes, the initial path for a path."""
 
     regularization_weight: Float[Array, "*batch slices joints"]
-    """Weight of the squared distance from it [1/rad^2]; a cost, so it never decides feasibility."""
+    """Weight of the squared distance from that posture in the cost [1/rad^2]; it does not affect feasibility."""
 
     mode_kind: Int[Array, "*batch phases+1 objects"]
     """`ModeKind` of each object in phase k; row K is the state after the last action."""
@@ -64,13 +69,14 @@ class Problem(NamedTuple):
     """Arm that holds each object in phase k; 0 where it is not held."""
 
     mode_action: Int[Array, "*batch phases+1 objects"]
-    """Action whose mode parameters the object is attached by; 0 where it is attached by none."""
+    """Number of the last action that switched each object before phase k, whose mode parameters give the object's pose;
+    0, without meaning, where no action has switched it yet."""
 
     switched_object: Int[Array, "*batch phases"]
-    """Object that action k switches."""
+    """Index of the object that action k switches."""
 
     acting_arm: Int[Array, "*batch phases"]
-    """Arm that carries out action k."""
+    """Index of the arm that carries out action k."""
 
     arm_at_rest: Float[Array, "*batch phases arms"]
     """1 for each arm that rests at switch k, else 0: arms that take part, and in a path all of them at its end."""
@@ -82,25 +88,27 @@ class Problem(NamedTuple):
     """1 for an action that puts its object on a support, else 0."""
 
     closing_yaw: Float[Array, "*batch phases"]
-    """Yaw of the closing axis in the object's frame [rad]; 0 where the action's mode has none."""
+    """Yaw of the closing axis in the object's frame [rad]; 0 for an action that does not grasp."""
 
     parameter_lower: Float[Array, "*batch phases 4"]
-    """Lower bounds of the mode parameters; as good as none where they are -1000."""
+    """Lower bounds of the mode parameters [m or rad]; -1000 means that there is no bound."""
 
     parameter_upper: Float[Array, "*batch phases 4"]
-    """Upper bounds; a parameter whose two bounds are equal is pinned."""
+    """Upper bounds of the mode parameters [m or rad]; a parameter whose two bounds are equal is *pinned*: it is
+    constant."""
 
     support: Float[Array, "*batch phases 5"]
-    """Rectangle of the support that the object is put on: center x, y, yaw, half extents; unused without one."""
+    """Rectangle on which the object is placed: center x, y [m], yaw [rad], half extents [m]; zeros for a grasp."""
 
     sample_fraction: Float[Array, "*batch slices samples"]
-    """Where in the interval before each slice distances are taken, from 0 (the slice before) to 1 (this one);
-    increasing, the last one 1. Keyframes have one sample: nothing connects them."""
+    """Where in the interval before each slice distances are evaluated, from 0 (the previous slice) to 1 (this slice).
+    The fractions increase, and the last one is 1. Keyframes have a single sample, because no motion connects them."""
 
     sample_offset: Float[Array, "*batch slices samples joints"]
-    """By how much the motion deviates from a straight line in joint space at each sample [rad]."""
+    """Deviation of the interpolated motion from a straight line in joint space at each sample [rad]. The joint angles
+    at a sample of fraction s are (1 - s) q_{t-1} + s q_t + offset, with a constant offset during the optimization."""
 
 
 def number_of_phases(problem: Problem) -> int:
-    """Number K of actions of a problem without batch axes."""
+    """Return the number K of actions of a problem without batch axes."""
     return len(problem.switched_object)

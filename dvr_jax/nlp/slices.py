@@ -1,13 +1,18 @@
-"""Geometry of many slices side by side: distances, their derivatives, and what they add to the normal equations.
+"""Geometry of a batch of slices: signed distances, their derivatives, and what they add to the normal equations.
 
-A slice knows neither its problem nor its horizon: keyframes and paths of any length are laid out as L slices, and what
-is compiled for some numbers of slices serves them all. Derivatives are contact wrenches times twists in closed form
-(never those of a whole slice, which cost 35 to 150 times the evaluation), and only of active rows: most of a slice's
-hundred and more distances are not in contact. For a row with wrench w between two bodies with twists V1, V2,
+A slice is one configuration of all arms and objects. Here every sample between two slices of a path also counts as a
+slice. The configurations of keyframes and paths of any length are concatenated to L slices, independent of the problems
+that they belong to, so that a program that is compiled for a number of slices serves all problems.
+
+Derivatives are products of contact wrenches (`dvr_jax.geometry.wrenches`) and twists, in closed form. They are computed
+for active rows only, because most of the more than one hundred distances of a slice are far from contact. Automatic
+differentiation of a whole slice costs 35 to 150 times as much as its evaluation. For a row with the wrench w between
+two bodies with the twists V1 and V2,
 
     d(distance) = w . (V1 - V2),        V = sum over columns of (twist of the column) d(column).
 
-The columns of a slice are the D joints, then parameter after parameter of every object.
+The *columns* of a slice are the variables that move its bodies: the D joint angles, then the first mode parameter of
+each of the N objects, then the second one of each object, and so on: C = D + 4 N columns.
 """
 
 from __future__ import annotations
@@ -36,12 +41,12 @@ from dvr_jax.workcell.kinematics import (
 from dvr_jax.workcell.model import WorkcellModel
 
 ACTIVE_ROWS = 4
-"""Active rows of a slice that enter its sums together. Of the slices of paths one in seven has an active row, and
-hardly any has more than four."""
+"""Number of active rows of a slice that are processed as one group. One in seven slices of paths has an active row, and
+hardly any slice has more than four."""
 
 
 class Slices(NamedTuple):
-    """L slices of problems with N objects and F fixed bodies."""
+    """Configurations of L slices of problems with N objects and F fixed bodies."""
 
     q: Float[Array, "joints arms slices"]
     """Angles of joint i of arm a [rad]."""
@@ -53,26 +58,26 @@ class Slices(NamedTuple):
     """Poses of the arms' bases."""
 
     attached: Attachment
-    """How each object is attached, batch axes (N, L)."""
+    """How each object is attached, with the batch axes (N, L)."""
 
     prism: Float[Array, "4 objects slices"]
-    """Shapes of the objects."""
+    """Shapes of the objects as prisms (hx, hy, hz, r) [m]."""
 
     fixed: Bodies
     """Poses and shapes of the fixed bodies."""
 
 
 class SliceGeometry(NamedTuple):
-    """Geometry of L slices with C columns: the joints, then parameter after parameter of every object."""
+    """Distances of L slices, and what their derivatives by the C columns (see the module) are computed from."""
 
     distance: Float[Array, "slices rows"]
     """Signed distances [m], rows as in `dvr_jax.nlp.collision_rows`."""
 
     contacts: Contacts
-    """What the wrenches of chosen rows are computed from."""
+    """Contact geometry from which the wrenches of chosen rows are computed."""
 
     columns: Float[Array, "slices 6 columns"]
-    """World twist of each joint and, for each mode parameter that an object is attached by, of that object."""
+    """World twist of each column: of a joint at unit velocity, or of an object at unit rate of one mode parameter."""
 
     held: Float[Array, "slices arms objects"]
     """1 where an arm holds an object, else 0."""
@@ -81,29 +86,34 @@ class SliceGeometry(NamedTuple):
     """Poses of the grippers."""
 
     screws: Float[Array, "6 joints slices"]
-    """The joints' twists once more."""
+    """World twists of the joints, the first D columns once more in the layout that constraint blocks use."""
 
 
 class NormalEquations(NamedTuple):
-    """What the distances of L slices add to the Gauss-Newton matrix and to the gradient."""
+    """What the distances of L slices add to the Gauss-Newton matrix and to the gradient, slice by slice."""
 
     matrix: Float[Array, "slices columns columns"]
+    """``J^T diag(a) J`` of each slice, with the active penalties a and the derivatives J of the rows -distance."""
+
     gradient: Float[Array, "slices columns"]
+    """``J^T e`` of each slice, with the multiplier estimates e."""
 
 
 def measure(model: WorkcellModel, slices: Slices) -> SliceGeometry:
-    """Distances of all rows, and what their derivatives are made of.
+    """Compute the distances of all rows, and what their derivatives are computed from.
 
     Args:
         model: Arms of the workcell.
         slices: Configurations of arms and objects.
     """
     L = slices.q.shape[-1]
+    # Arms: link poses, the capsules that enclose the links, gripper poses, and the twists of the joints.
     links = link_poses(model, slices.bases, slices.q)
     starts, ends = materialize(capsule_segments(model, links, slices.finger_opening))
     hands = HandPoses(*materialize(hand_pose(model, links)))
     screws = materialize(joint_screws(links)).reshape(6, -1, L)
 
+    # Objects move with the gripper that holds them; then the distances of all pairs of bodies.
     objects = materialize(object_poses(slices.attached, hands))
     bodies = _all_bodies(slices, objects.rotation, objects.position)
     distance, contacts = measure_contacts(
@@ -122,7 +132,7 @@ def measure(model: WorkcellModel, slices: Slices) -> SliceGeometry:
 
 
 def _all_bodies(slices: Slices, rotation: Array, position: Array) -> Bodies:
-    """Objects and fixed bodies together."""
+    """Concatenate objects and fixed bodies, the objects first."""
     fixed = slices.fixed
     if fixed.position.shape[1] == 0:
         return Bodies(rotation, position, slices.prism)
@@ -136,12 +146,15 @@ def _all_bodies(slices: Slices, rotation: Array, position: Array) -> Bodies:
 def distance_jacobian(
     model: WorkcellModel, geometry: SliceGeometry, rows: Int[Array, "slices chosen"]
 ) -> Float[Array, "slices columns chosen"]:
-    """Derivatives of chosen distances of each slice by the columns of `SliceGeometry`.
+    """Compute the derivatives of chosen distances of each slice by the columns of `SliceGeometry`.
+
+    Each derivative is ``sign * (twist of the column) . (wrench of the row)``. The sign is 1 if the column moves the
+    first body of the row, -1 if it moves the second one, and 0 if it moves none or both.
 
     Args:
         model: Arms of the workcell.
-        geometry: As of `measure`.
-        rows: Rows, other ones in each slice.
+        geometry: Geometry of the slices, as returned by `measure`.
+        rows: Indices of the chosen rows, which may differ from slice to slice.
     """
     dtype = geometry.distance.dtype
     N = geometry.held.shape[2]
@@ -153,7 +166,7 @@ def distance_jacobian(
         [jnp.zeros((N, arm.shape[1]), dtype), jnp.asarray(role, dtype)], axis=1
     )
 
-    # A held object moves with its arm: its sign in a row is added to that of the arm's joints.
+    # A held object moves with its arm, so its sign in a row is added to the sign of the arm's joints.
     wrench = row_wrenches(model, geometry.contacts, N, rows.T).transpose(2, 0, 1)
     own = jnp.take(of_objects, rows, axis=1).transpose(1, 0, 2)
     carried = sum(geometry.held[:, :, n, None] * own[:, None, n] for n in range(N))
@@ -161,19 +174,19 @@ def distance_jacobian(
     sign = sign + jnp.repeat(carried, model.structure.joints, axis=1)
     sign = jnp.concatenate([sign, *[own] * PARAMETERS], axis=1)
 
-    # A sum of six products fuses, a batched product of matrices does not.
+    # XLA fuses a sum of six products into one kernel, but not a batched product of matrices.
     wrench, sign = materialize((wrench, sign))
     return sign * sum(geometry.columns[:, i, :, None] * wrench[:, i, None] for i in range(6))
 
 
 class _Sums(NamedTuple):
-    """State of the loop over groups of active rows."""
+    """State of the loop of `reduce_slices` over groups of active rows."""
 
     first: Array
-    """Number of the first group of the next pass."""
+    """Number of the first group of the next pass, a float32."""
 
     total: NormalEquations
-    """What the groups visited so far add."""
+    """Sum over the groups processed so far."""
 
 
 def reduce_slices(
@@ -182,12 +195,15 @@ def reduce_slices(
     multiplier_estimate: Float[Array, "slices rows"],
     active_penalty: Float[Array, "slices rows"],
 ) -> NormalEquations:
-    """Add up the active rows of each slice, as constraints g = -distance <= 0.
+    """Sum the contributions of the active rows of each slice, as constraints g = -distance <= 0.
+
+    The active rows of all slices are divided into groups of up to `ACTIVE_ROWS` rows of one slice
+    (`dvr_jax.nlp.compaction`). Each pass of a loop processes a fixed number of groups.
 
     Args:
         model: Arms of the workcell.
-        geometry: As of `measure`.
-        multiplier_estimate: Derivative of the Lagrangian by each row; positive where the row is active.
+        geometry: Geometry of the slices, as returned by `measure`.
+        multiplier_estimate: Derivative of the augmented Lagrangian by each row; positive where the row is active.
         active_penalty: Penalty of each row where it is active, else 0.
     """
     L, _, columns = geometry.columns.shape
@@ -195,6 +211,7 @@ def reduce_slices(
     chunk_size = batch_sizes().active_groups
 
     def add_chunk(state: _Sums) -> _Sums:
+        """Process the next groups; entries of a group that hold no row get the weight 0."""
         chunk = gather_chunk(active, state.first, chunk_size)
         rows = chunk.rows.T
         slices = jnp.minimum(chunk.slices, L - 1)
@@ -212,6 +229,7 @@ def reduce_slices(
         return _Sums(state.first + chunk_size, total)
 
     def some_left(state: _Sums) -> Array:
+        """Return whether there are groups left."""
         return state.first < number_of_groups(active)
 
     dtype = multiplier_estimate.dtype
@@ -224,8 +242,8 @@ def reduce_slices(
 
 
 def _take(geometry: SliceGeometry, slices: Array) -> SliceGeometry:
-    """What `distance_jacobian` needs of some slices (E,)."""
-    # The radii are the same in all slices.
+    """Return the part of the geometry that `distance_jacobian` needs, for the slices with these indices (E,)."""
+    # The radii of the capsules are the same in all slices and are kept as they are.
     contacts = geometry.contacts
     segments = contacts.segments
     taken = Contacts(

@@ -1,8 +1,11 @@
-"""The Gauss-Newton system of one NLP, and its parts while blocks and costs add to it.
+"""The Gauss-Newton system of one NLP, and the sums into which constraint blocks and costs add their contributions.
 
-Unknowns are the steps of the joint angles of T slices, D each, and of the M = 4 K mode parameters. The matrix couples
-each slice with the one before it (distances are sampled between slices too), with the second before it through a
-*diagonal* block (accelerations act on each joint alone), and with the border of mode parameters:
+The unknowns are the steps of the D joint angles at each of the T slices, and of the 4 K mode parameters. The matrix H
+couples each slice with
+
+- the slice before it, by blocks B1_t (distances between two slices depend on both),
+- the second slice before it, by *diagonal* blocks B2_t (the cost of accelerations couples each joint only with itself),
+- the mode parameters, by blocks E_t (the *border*):
 
         [ A_0      B1_1^T   B2_2                 E_0 ]
         [ B1_1     A_1      B1_2^T   B2_3        E_1 ]
@@ -41,45 +44,53 @@ class BorderedSystem(NamedTuple):
     """Block C."""
 
     gradient_q: Float[Array, "slices joints"]
-    """Derivative by the joint angles."""
+    """Derivative of the augmented Lagrangian by the joint angles."""
 
     gradient_m: Float[Array, " parameters"]
-    """Derivative by the mode parameters."""
+    """Derivative of the augmented Lagrangian by the mode parameters, action after action."""
 
 
 class SystemParts(NamedTuple):
-    """A system while it is being added up; diagonal parts are kept apart until the end."""
+    """A Gauss-Newton system to which constraint blocks and costs are added; diagonal parts are stored separately."""
 
     blocks: Float[Array, "slices joints joints"]
     """Blocks A_t without `joint_diagonal`."""
 
     joint_diagonal: Float[Array, "slices joints"]
-    """What is added to the diagonals of the blocks A_t."""
+    """Numbers that are added to the diagonals of the blocks A_t."""
 
     coupling: Float[Array, "slices joints joints"]
     """Blocks B1_t without `coupling_diagonal`."""
 
     coupling_diagonal: Float[Array, "slices joints"]
-    """What is added to the diagonals of the blocks B1_t."""
+    """Numbers that are added to the diagonals of the blocks B1_t."""
 
     far_coupling: Float[Array, "slices joints"]
     """Diagonals of the blocks B2_t."""
 
     border: Float[Array, "slices joints parameters"]
+    """Blocks E_t."""
+
     corner: Float[Array, "parameters parameters"]
+    """Block C."""
+
     gradient_q: Float[Array, "slices joints"]
+    """Derivative by the joint angles."""
+
     gradient_m: Float[Array, " parameters"]
+    """Derivative by the mode parameters, action after action."""
 
 
 def assemble(parts: SystemParts, problem: Problem, is_path: bool) -> BorderedSystem:
-    """Complete a system whose costs and blocks have all been added.
+    """Complete a system to which all costs and constraint blocks have been added.
 
-    Pinned mode parameters take no part: they get unit rows.
+    Pinned mode parameters, whose bounds are equal, must not change: their rows of H become unit rows and their gradient
+    becomes zero, so that their steps are zero.
 
     Args:
         parts: The sum of all costs and blocks.
         problem: The NLP, without batch axes.
-        is_path: Whether there are slices between the switches.
+        is_path: Whether the NLP is a path NLP, with slices between the switches.
     """
     T, D = parts.joint_diagonal.shape
     dtype = parts.blocks.dtype
@@ -89,7 +100,7 @@ def assemble(parts: SystemParts, problem: Problem, is_path: bool) -> BorderedSys
     coupling = None
     far_coupling = None
     if is_path:
-        # The first slice would be coupled with the home posture, which is no variable.
+        # The slice before the first one is the home posture, which is no variable, so block B1_0 is zero.
         inside = (jnp.arange(T) > 0).astype(dtype)[:, None, None]
         coupling = inside * (parts.coupling + identity * parts.coupling_diagonal[:, None])
         far_coupling = parts.far_coupling

@@ -1,7 +1,7 @@
-"""From symbols to arrays: a scene and a sequence of actions become one `Problem`.
+"""Transcription turns a scene and a sequence of actions into the arrays of a keyframe NLP, a `Problem`.
 
-What an action means geometrically, its operator says (`dvr_jax.operators`); this module walks along the sequence,
-keeps the modes of all objects, and writes the switches down as arrays.
+The operator of an action (`dvr_jax.operators`) defines its geometric meaning. This module applies the actions of a
+sequence one after the other, keeps track of the modes of all objects, and stores the mode switches as arrays.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from dvr_jax.scene.types import Scene
 from dvr_jax.workcell.workcell import base_positions, base_rotations
 
 KEYFRAME_REGULARIZATION = 1e-2
-"""Weight of the pull of keyframes to the home posture [1/rad^2]."""
+"""Weight of the squared distance of keyframes from the home posture in the cost [1/rad^2]."""
 
 
 def transcribe(
@@ -41,8 +41,8 @@ def transcribe(
 
     Args:
         scene: A valid scene.
-        actions: Applicable one after the other (the logic sees to that); they need not reach the goal.
-        ignored: Names of objects left out of the world, a relaxation; no action may use them.
+        actions: Actions that the logic allows one after the other; they need not reach the goal.
+        ignored: Names of objects that are left out of the world (a relaxation); no action may use them.
         operators: The operators that are known.
 
     Raises:
@@ -87,12 +87,12 @@ def transcribe(
 def walk(
     scene: Scene, actions: Sequence[Action], ignored: Sequence[str], operators: Sequence[Operator]
 ) -> tuple[list[SkeletonState], list[ModeSwitch]]:
-    """Walk along a sequence.
+    """Apply the actions of a sequence one after the other, and return all states and mode switches.
 
     Args:
         scene: A valid scene.
         actions: The sequence.
-        ignored: Names of objects left out of the world.
+        ignored: Names of objects that are left out of the world.
         operators: The operators that are known.
 
     Returns:
@@ -122,11 +122,11 @@ def transcribe_switch(
     ignored: Sequence[str] = (),
     operators: Sequence[Operator] = OPERATORS,
 ) -> Problem:
-    """Write the keyframe NLP of an action alone, whose object is held as an earlier action says.
+    """Write the keyframe NLP of one action alone, before which an earlier action left the object in a gripper.
 
-    This is a relaxation of all sequences in which `action` follows `before` as the next one on its object. How the
-    object came to be held is free: the first of the two slices is empty but for what the gripper holds, and nothing is
-    switched there.
+    This is a relaxation of all sequences in which `action` follows `before` as the next one on its object. The object
+    may be held with any mode parameters within the bounds of `before`. The NLP has two slices. In the first one all
+    other objects are absent and the object is held already, so that there is no switch; the second is that of `action`.
 
     Args:
         scene: A valid scene.
@@ -136,6 +136,8 @@ def transcribe_switch(
         operators: The operators that are known.
     """
     problem = transcribe(scene, [before, action], ignored, operators)
+
+    # The switched object is held in phase 0 as in phase 1, and all others are absent in phase 0.
     item = problem.switched_object[0]
     kind = np.array(problem.mode_kind)
     parent = np.array(problem.mode_parent)
@@ -146,12 +148,12 @@ def transcribe_switch(
 
 
 def _floats(rows: Sequence[Sequence[float]], width: int) -> Float[np.ndarray, "rows width"]:
-    """Rows of numbers as an array, also where there are no rows."""
+    """Return rows of numbers as a two-dimensional array, even if there are no rows."""
     return np.array(rows, dtype=float).reshape(len(rows), width)
 
 
 def _mode_actions(switches: Sequence[ModeSwitch], number_of_objects: int) -> np.ndarray:
-    """For each phase and object the action whose mode parameters the object is attached by (K + 1, N)."""
+    """Return `Problem.mode_action` (K + 1, N): the last action that switched each object before each phase."""
     rows = np.zeros((len(switches) + 1, number_of_objects), np.int32)
     for k, switch in enumerate(switches):
         rows[k + 1 :, switch.item] = k
@@ -159,7 +161,7 @@ def _mode_actions(switches: Sequence[ModeSwitch], number_of_objects: int) -> np.
 
 
 def _support_numbers(support: Rectangle | None) -> tuple[float, ...]:
-    """Center x, y, yaw and half extents of a support; zeros without one."""
+    """Return center x, y, yaw and half extents of a support, or zeros without one."""
     if support is None:
         return (0.0,) * 5
     return (*support.center, support.yaw, *support.half)

@@ -1,4 +1,7 @@
-"""The operator "grasp": an empty hand takes an object that stands, or that another arm holds (a handover)."""
+"""The operator "grasp": an empty gripper takes an object that stands, or that another arm holds (a handover).
+
+The mode parameters of a grasp are (tangent, height, pitch, yaw); `dvr_jax.modes.held` defines them.
+"""
 
 from __future__ import annotations
 
@@ -37,46 +40,54 @@ GRASP_MARGIN = 0.01
 """How far inside the object the gripper's center stays [m]."""
 
 PITCH_LIMIT = 2.2
-"""Largest tilt of the approach from straight down, either way [rad]: past the horizontal, as handovers need."""
+"""Largest tilt of the approach axis from straight down, in both directions [rad].
+
+It is larger than pi/2, because some handovers need an approach from below the horizontal.
+"""
 
 PITCH_RANGE = 1.75
-"""Largest tilt of a proposed approach from straight down [rad]: 10 degrees past the horizontal."""
+"""Largest tilt of the approach axis of a proposal from straight down [rad]: 10 degrees beyond the horizontal."""
 
 LARGEST_GRASP = (1e3, 1e3, PITCH_RANGE, math.pi)
-"""Largest mode parameters of a proposed grasp, where its own bounds are wider [m, m, rad, rad]."""
+"""Proposals stay within the bounds of the switch and within plus and minus these mode parameters [m, m, rad, rad]."""
 
 MEETING_ALONG = 0.25
 """Objects are handed over within this distance of the meeting region's center, along the line through both bases
 [m]."""
 
 MEETING_ACROSS = 0.4
-"""The same across that line [m]."""
+"""Objects are handed over within this distance of the meeting region's center, across the line through both bases
+[m]."""
 
 MEETING_HEIGHT = (0.15, 0.6)
-"""Heights at which objects are handed over [m]."""
+"""Lowest and highest z of the center of an object that is handed over [m]."""
 
 MEETING_TILT = 0.8
 """Largest tilt of an object that is handed over [rad]."""
 
 SIBLING_PENALTY = 0.01
-"""By how much a further child of the same parent must be better [m]. A grasp decides what can be reached later, so its
-variety is worth more penetration than a placement's."""
+"""Penalty on the violation of a grasp for each better sibling in the beam [m].
+
+A grasp decides what can be reached later, so diversity is worth more penetration for grasps than for placements.
+"""
 
 
 def _face_and_object(scene: Scene, action: Action) -> tuple[str, SceneObject]:
+    """Return the face that an action grasps, and its object."""
     _, face, name = action.arguments
     return face, scene.objects[scene.object_index(name)]
 
 
 def _room(item: SceneObject, face: str) -> tuple[float, float]:
-    """Half ranges of the gripper's center along the face's tangent and along the object's axis [m]."""
+    """Return the largest distances of the gripper's center from the object's, along tangent and vertical axis [m]."""
     tangent = item.kind.tangent_half_extent(item.size, face) - GRASP_MARGIN
-    # Where faces cannot be told apart, the closing axis passes through the object's own: there is no room beside it.
+    # If faces cannot be told apart (cylinders), the closing axis has to intersect the object's vertical axis.
     along = tangent if item.kind.has_faces else min(0.0, tangent)
     return along, item.half_extents[2] - GRASP_MARGIN
 
 
 def _refute(scene: Scene, action: Action) -> str | None:
+    """Return why an object is too wide or too small to be grasped at a face, or None."""
     face, item = _face_and_object(scene, action)
     width = item.kind.grip_width(item.size, face)
     opening = scene.workcell.robot.maximum_opening
@@ -90,12 +101,16 @@ def _refute(scene: Scene, action: Action) -> str | None:
 
 
 def _is_duplicate(scene: Scene, action: Action) -> bool:
-    """The faces of a cylinder are not told apart: a grasp at +x, whose yaw is free, stands for all four."""
+    """Return whether an action grasps a cylinder at another face than +x.
+
+    The faces of a cylinder cannot be told apart, so a grasp at +x, whose yaw is free, represents all four grasps.
+    """
     face, item = _face_and_object(scene, action)
     return not item.kind.has_faces and face != FACES[0]
 
 
 def _switch(state: SkeletonState, action: Action) -> ModeSwitch:
+    """Return the mode switch of a grasp: the object is held by the acting arm afterwards."""
     scene = state.scene
     face, item = _face_and_object(scene, action)
     arm = scene.workcell.arm_index(action.arguments[0])
@@ -104,7 +119,7 @@ def _switch(state: SkeletonState, action: Action) -> ModeSwitch:
     tangent, height = _room(item, face)
     yaw_room = 0.0 if item.kind.has_faces else FREE
 
-    # In a handover the giving arm rests too, and opens its fingers.
+    # In a handover the giving arm takes part too: it rests at the switch and opens its fingers.
     opening = list(state.finger_opening)
     arms_at_rest = {arm}
     if before.kind == ModeKind.HELD:
@@ -125,7 +140,10 @@ def _switch(state: SkeletonState, action: Action) -> ModeSwitch:
 
 
 def _sample_grasp(step: BeamStep, u: Array) -> tuple[Array, GraspFrame]:
-    """Mode parameters (4, M, B, J) within their bounds, and the gripper in the object's frame."""
+    """Draw mode parameters (4, M, B, J) within their bounds; return them and the gripper's pose in the object's frame.
+
+    The batch axes are M prefixes, B candidates and J proposals (`dvr_jax.operators.proposal`).
+    """
     widest = jnp.asarray(LARGEST_GRASP, u.dtype)
     low = jnp.clip(step.parameter_lower, -widest, widest).T[..., None, None]
     high = jnp.clip(step.parameter_upper, -widest, widest).T[..., None, None]
@@ -137,12 +155,12 @@ def _sample_grasp(step: BeamStep, u: Array) -> tuple[Array, GraspFrame]:
 def propose_grasp(
     step: BeamStep, before: ObjectBefore, u: Float[Array, "numbers candidates proposals"]
 ) -> ProposedPoses:
-    """Propose grasps of a standing object, evenly within the bounds of the mode parameters.
+    """Propose grasps of a standing object, uniformly within the bounds of the mode parameters.
 
     Args:
         step: The action of each prefix.
-        before: How its object is attached before.
-        u: Uniform numbers.
+        before: How the object is attached before the action.
+        u: Uniform random numbers in [0, 1).
     """
     m, frame = _sample_grasp(step, u)
 
@@ -162,16 +180,17 @@ def propose_grasp(
 def propose_handover(
     step: BeamStep, before: ObjectBefore, u: Float[Array, "numbers candidates proposals"]
 ) -> ProposedPoses:
-    """Propose grasps of an object that another arm holds: where they meet is free, within reach of both.
+    """Propose grasps of an object that another arm holds, at random poses of the object between both arms.
 
     Args:
         step: The action of each prefix.
         before: How the giving gripper holds the object.
-        u: Uniform numbers.
+        u: Uniform random numbers in [0, 1).
     """
     m, taker = _sample_grasp(step, u)
 
-    # The object's position: a box around the meeting region's center, aligned with the line through both bases.
+    # The object's position is uniform in a box around the meeting region's center. The box is aligned with the line
+    # through both bases.
     along = -MEETING_ALONG + 2 * MEETING_ALONG * u[4]
     across = -MEETING_ACROSS + 2 * MEETING_ACROSS * u[5]
     height = MEETING_HEIGHT[0] + (MEETING_HEIGHT[1] - MEETING_HEIGHT[0]) * u[6]
@@ -183,7 +202,7 @@ def propose_handover(
         height[None],
     )
 
-    # Its orientation: turned by a yaw, then tilted about a horizontal axis.
+    # The object's orientation is R = Rz(axis) Rx(tilt) Rz(yaw - axis): a yaw, then a tilt about a horizontal axis.
     yaw = 2 * math.pi * u[7]
     axis = 2 * math.pi * u[8]
     angles = jnp.stack([axis, MEETING_TILT * u[9], yaw - axis])
@@ -207,6 +226,7 @@ HANDOVER = Proposal("handover", propose_handover, SIBLING_PENALTY)
 
 
 def _proposal(before: ModeKind) -> Proposal:
+    """Return how a grasp is sampled, given whether the object stands or is held before it."""
     return HANDOVER if before == ModeKind.HELD else STANDING_GRASP
 
 
@@ -221,4 +241,4 @@ GRASP = Operator(
     switch=_switch,
     proposal=_proposal,
 )
-"""An empty hand takes an object at one of its side faces."""
+"""The operator by which an empty gripper takes an object at one of its side faces."""

@@ -1,8 +1,8 @@
-"""What an action operator is: one value that the whole planner is driven by.
+"""An action operator is one object that contains everything that the planner has to know of an action.
 
-The ordered tuple of operators (`dvr_jax.operators.OPERATORS`) drives the PDDL domain, transcription into an NLP, the
-proposals of the keyframe beam, the programs that are compiled beforehand, the network's symbols and the printed text. A
-new operator is one file with an `Operator`; its half in the independent check is another one.
+The tuple `dvr_jax.operators.OPERATORS` determines the PDDL domain, the transcription of sequences into NLPs, the
+proposals of the keyframe beam, the programs that are compiled in advance, the network's symbols and the printed text. A
+new operator is one `Operator`; the independent check needs an `OperatorCheck` (`dvr_jax.checker.operators`) for it.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from dvr_jax.operators.proposal import Proposal
 from dvr_jax.scene.types import Scene
 
 FREE = 1e3
-"""Stands for no bound of a mode parameter: finite, so that no arithmetic yields NaN."""
+"""Bound of a mode parameter that has no bound; it is finite, so that no arithmetic yields NaN."""
 
 FourFloats = tuple[float, float, float, float]
 
 
 class Parameter(Enum):
-    """What kind of thing an argument of an action is."""
+    """The type of an argument of an action."""
 
     ARM = "arm"
     """The arm that carries the action out."""
@@ -45,13 +45,15 @@ class ObjectMode:
     """How an object is attached during a phase."""
 
     kind: ModeKind
+    """Whether the object is fixed, placed, held or absent."""
+
     parent: int = 0
-    """The arm that holds the object; 0 where it is not held."""
+    """Index of the arm that holds the object; 0, without meaning, if no arm holds it."""
 
 
 @dataclass(frozen=True, slots=True)
 class SkeletonState:
-    """What is known of a skeleton before one of its actions."""
+    """The discrete state of the world before an action of a sequence: modes of objects and openings of fingers."""
 
     scene: Scene
     modes: tuple[ObjectMode, ...]
@@ -63,34 +65,34 @@ class SkeletonState:
 
 @dataclass(frozen=True, slots=True)
 class ModeSwitch:
-    """What an action does to the world: one object changes its mode."""
+    """The effect of an action at the end of its phase: one object changes its mode."""
 
     item: int
     """Index of the object."""
 
     acting_arm: int
-    """Arm that carries the action out."""
+    """Index of the arm that carries the action out."""
 
     arms_at_rest: frozenset[int]
-    """Arms that take part in the switch and rest at it."""
+    """Indices of the arms that take part in the switch, and therefore must not move in the interval before it."""
 
     mode: ObjectMode
     """Mode of the object afterwards."""
 
     lower: FourFloats
-    """Lower bounds of the mode parameters."""
+    """Lower bounds of the mode parameters of the new mode (`dvr_jax.modes` says what they mean) [m or rad]."""
 
     upper: FourFloats
-    """Upper bounds; equal bounds pin a parameter."""
+    """Upper bounds of the mode parameters [m or rad]; a parameter whose two bounds are equal is constant."""
 
     finger_opening: tuple[float, ...]
     """Distance of each arm's fingers from the hand's middle plane afterwards [m]."""
 
     closing_yaw: float = 0.0
-    """Yaw of a held object's closing axis in the object's frame [rad]."""
+    """Yaw of the closing axis, along which the fingers close, in the frame of a held object [rad]."""
 
     support: Rectangle | None = None
-    """Where the object is put, if it is put somewhere."""
+    """Area of the table on which the object is placed; None if the action does not place it."""
 
 
 @dataclass(frozen=True)
@@ -101,31 +103,31 @@ class Operator:
     """Name in the PDDL domain, in lower case."""
 
     parameters: tuple[Parameter, ...]
-    """What each argument is, in the order of the PDDL parameters: exactly one arm and one object."""
+    """Type of each argument, in the order of the PDDL parameters; exactly one is an arm and exactly one an object."""
 
     pddl: str
-    """The ``(:action ...)`` of the domain."""
+    """Text of the action in the PDDL domain, ``(:action ...)``."""
 
     phrase: str
-    """The action in words, with the places of its arguments, as in "{0} grasps {2} at its {1} face"."""
+    """The action in words, where {i} stands for argument i, as in "{0} grasps {2} at its {1} face"."""
 
     mode_after: ModeKind
-    """Mode that the action leaves its object in."""
+    """Kind of the object's mode after the action."""
 
     refute: Callable[[Scene, Action], str | None]
-    """Why an action cannot be done whatever the motion, a constant of the scene; or None."""
+    """Function that returns why a constant of the scene makes an action impossible whatever the motion is, or None."""
 
     is_duplicate: Callable[[Scene, Action], bool]
-    """Whether an action is the same as another one by another name, so that it need not be looked at."""
+    """Function that returns whether an action means the same as another action, so that the search skips it."""
 
     switch: Callable[[SkeletonState, Action], ModeSwitch]
-    """The mode switch that an action makes in a state."""
+    """Function that returns the mode switch that an action makes in a state."""
 
     proposal: Callable[[ModeKind], Proposal]
-    """How the keyframe beam samples the action, given the mode that its object is in before."""
+    """Function that returns how the keyframe beam samples the action, given the object's kind of mode before it."""
 
     def argument(self, action: Action, parameter: Parameter) -> str:
-        """Return the argument of an action that is of this kind.
+        """Return the argument of an action that has this type.
 
         Raises:
             DvrError: The operator has no such parameter.
@@ -151,7 +153,7 @@ def operator_of(action: Action, operators: Sequence[Operator]) -> Operator:
 
 
 def object_of(action: Action, operators: Sequence[Operator]) -> str:
-    """Name of the object that an action switches.
+    """Return the name of the object that an action switches.
 
     Args:
         action: The action.
@@ -161,7 +163,7 @@ def object_of(action: Action, operators: Sequence[Operator]) -> str:
 
 
 def describe(action: Action, operators: Sequence[Operator]) -> str:
-    """The action in words, as in "left grasps yellow at its +x face".
+    """Return an action in words, as in "left grasps yellow at its +x face".
 
     Args:
         action: The action.
@@ -174,7 +176,7 @@ def describe(action: Action, operators: Sequence[Operator]) -> str:
 
 
 def refute(scene: Scene, action: Action, operators: Sequence[Operator]) -> str | None:
-    """Why an action cannot be done whatever the motion, a constant of the scene; or None.
+    """Return why a constant of the scene makes an action impossible whatever the motion is, or None.
 
     Args:
         scene: A valid scene.
@@ -188,7 +190,7 @@ def refute(scene: Scene, action: Action, operators: Sequence[Operator]) -> str |
 
 
 def is_duplicate(scene: Scene, action: Action, operators: Sequence[Operator]) -> bool:
-    """Whether an action is the same as another one by another name.
+    """Return whether an action means the same as another action of the scene, so that the search skips it.
 
     Args:
         scene: A valid scene.

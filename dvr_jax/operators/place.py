@@ -1,4 +1,7 @@
-"""The operator "place": an arm puts the object that it holds upright onto the table or onto a region of the goal."""
+"""The operator "place": an arm puts the object that it holds upright onto the table or onto a region of the goal.
+
+The mode parameters of a place are (x, y, yaw, 0); `dvr_jax.modes.placed` defines them.
+"""
 
 from __future__ import annotations
 
@@ -37,23 +40,23 @@ TABLE_SUPPORT = "table"
 """Constant of the PDDL domain that stands for the table."""
 
 OVERHANG_TOLERANCE = 1e-3
-"""A footprint may stick out of its support by this much on each side [m]: the tolerance of the NLP."""
+"""Largest distance by which a footprint may extend beyond its support on each side [m], the tolerance of the NLP."""
 
 PLACING_RADIUS = (0.3, 0.8)
-"""Distances from its base at which an arm is proposed to put things on the table [m]."""
+"""Least and largest distance from the arm's base of proposed placements on a large support [m]."""
 
 PLACING_ANGLE = 1.6
-"""Largest angle from straight ahead, either way, at which it does [rad]."""
+"""Largest angle of these placements from straight ahead of the arm, in both directions [rad]."""
 
 LARGE_SUPPORT = 0.5
-"""Half extent from which on a support is larger than an arm's reach [m]."""
+"""A support is large, and only the part in front of the arm is used, if its half extent is above this [m]."""
 
 SIBLING_PENALTY = 0.003
-"""By how much a further child of the same parent must be better [m]."""
+"""Penalty on the violation of a placement for each better sibling in the beam [m]."""
 
 
 def support_rectangle(scene: Scene, support: str) -> Rectangle:
-    """Rectangle of a support of a scene.
+    """Return the rectangle of a support of a scene.
 
     Args:
         scene: A valid scene.
@@ -65,6 +68,7 @@ def support_rectangle(scene: Scene, support: str) -> Rectangle:
 
 
 def _refute(scene: Scene, action: Action) -> str | None:
+    """Return why an object does not fit on a region, or None."""
     _, name, support = action.arguments
     if support == TABLE_SUPPORT:
         return None
@@ -81,10 +85,12 @@ def _refute(scene: Scene, action: Action) -> str | None:
 
 
 def _is_duplicate(scene: Scene, action: Action) -> bool:
+    """Return False, because no two places mean the same."""
     return False
 
 
 def _switch(state: SkeletonState, action: Action) -> ModeSwitch:
+    """Return the mode switch of a place: the object stands on the support, and the gripper is open."""
     arm_name, name, support = action.arguments
     arm = state.scene.workcell.arm_index(arm_name)
     opening = list(state.finger_opening)
@@ -105,17 +111,18 @@ def _switch(state: SkeletonState, action: Action) -> ModeSwitch:
 def propose_place(
     step: BeamStep, before: ObjectBefore, u: Float[Array, "numbers candidates proposals"]
 ) -> ProposedPoses:
-    """Propose placements of a held object: inside the support's rectangle, and on a large one within the arm's reach.
+    """Propose placements of a held object inside the support's rectangle, and on a large support in front of the arm.
 
     Args:
         step: The action of each prefix.
         before: How the gripper holds the object.
-        u: Uniform numbers.
+        u: Uniform random numbers in [0, 1).
     """
     support = [step.support[:, None, None, i] for i in range(5)]
     prism = [of_item(step.prism[..., i], step) for i in range(4)]
 
-    # On a region that the object barely fits, only yaws along its sides are possible: half of the proposals use them.
+    # If the object barely fits on a region, only yaws parallel to its sides are possible, so half of the proposals use
+    # these four yaws. The other yaws are uniform.
     turn = jnp.where(u[1] < 0.5, jnp.floor(4 * u[0]) * (math.pi / 2), 2 * math.pi * u[0])
     spare_x, spare_y = _spare_room(support, prism, turn)
     room_x = jnp.maximum(spare_x, 0)
@@ -129,7 +136,7 @@ def propose_place(
     along_x = jnp.where(is_large, jnp.clip(ahead_x, -room_x, room_x), (2 * u[2] - 1) * room_x)
     along_y = jnp.where(is_large, jnp.clip(ahead_y, -room_y, room_y), (2 * u[3] - 1) * room_y)
 
-    # And in the world.
+    # Position and yaw in the world, and the pose of the gripper that holds the object there.
     c = jnp.cos(support[2])
     s = jnp.sin(support[2])
     x = support[0] + c * along_x - s * along_y
@@ -149,7 +156,7 @@ def propose_place(
 
 
 def _spare_room(support: list[Array], prism: list[Array], turn: Array) -> tuple[Array, Array]:
-    """How far the center may be from the support's middle along both of its sides [m]; negative: it does not fit."""
+    """Return how far the center may be from the support's center along both sides [m]; negative if it does not fit."""
     c = jnp.abs(jnp.cos(turn))
     s = jnp.abs(jnp.sin(turn))
     spare_x = support[3] - (c * prism[0] + s * prism[1] + prism[3])
@@ -158,15 +165,15 @@ def _spare_room(support: list[Array], prism: list[Array], turn: Array) -> tuple[
 
 
 def _ahead_of_arm(step: BeamStep, u: Array, support: list[Array]) -> tuple[Array, Array]:
-    """Positions in front of the acting arm's base, evenly over a ring sector, in the support's frame [m]."""
+    """Draw positions uniformly over a ring sector in front of the acting arm's base, in the support's frame [m]."""
     base = of_arm(step.base_position, step.acting_arm)
     rotation = of_arm(step.base_rotation, step.acting_arm)
     near, far = PLACING_RADIUS
     radius = jnp.sqrt(near**2 + u[2] * (far**2 - near**2))
     angle = (2 * u[3] - 1) * PLACING_ANGLE
 
-    # The lateral axis is turned to +y, or to +x where the arm looks along y: arms that are mirror images of each other
-    # get proposals that are mirror images.
+    # The lateral axis is reversed if it does not point to +y (or to +x for an arm that faces along y), so that arms
+    # that are mirror images of each other get proposals that are mirror images of each other.
     forward = rotation[:, :, 0]
     lateral = rotation[:, :, 1]
     sign = jnp.where(lateral[:, 0] + lateral[:, 1] < 0, -1, 1)[:, None]
@@ -187,6 +194,7 @@ PLACEMENT = Proposal("place", propose_place, SIBLING_PENALTY)
 
 
 def _proposal(before: ModeKind) -> Proposal:
+    """Return how a placement is sampled, which does not depend on the mode before it."""
     return PLACEMENT
 
 
@@ -201,4 +209,4 @@ PLACE = Operator(
     switch=_switch,
     proposal=_proposal,
 )
-"""An arm puts down what it holds."""
+"""The operator by which an arm puts down the object that it holds."""

@@ -1,8 +1,9 @@
-"""Proposals: random mode parameters for one action, and the gripper poses that they ask for.
+"""A proposal draws random mode parameters for one action and computes the gripper poses that belong to them.
 
-Batch axes are (M, B, J): M prefixes, B keyframe candidates of each, J proposals for each candidate. Random numbers
-come in as an array ``u`` of uniform numbers in [0, 1), `UNIFORM_NUMBERS` for each (B, J), the same for every prefix:
-what a prefix gets does not depend on the batch that it is in.
+The batch axes are (M, B, J): M prefixes, B keyframe candidates of each prefix, and J proposals for each candidate
+(`dvr_jax.seeds.keyframe_beam`). The random numbers are an argument: an array ``u`` of the shape
+(`UNIFORM_NUMBERS`, B, J), uniform in [0, 1). They are the same for every prefix, so that the proposals of a prefix do
+not depend on the batch that it is in.
 """
 
 from __future__ import annotations
@@ -19,23 +20,23 @@ from dvr_jax.geometry.vectors import Rotation, Vector, compose, materialize, rot
 from dvr_jax.modes.held import GraspFrame, grasp_frame
 
 UNIFORM_NUMBERS = 10
-"""Uniform numbers that a proposal takes."""
+"""Number of uniform random numbers for each proposal."""
 
 
 class BeamStep(NamedTuple):
     """One action for each of M prefixes, as arrays."""
 
     prism: Float[Array, "prefixes objects 4"]
-    """Shapes of the objects."""
+    """Shapes of the objects as prisms (hx, hy, hz, r) [m]."""
 
     initial_pose: Float[Array, "prefixes objects 4"]
     """Where the scene has the objects: x, y, z [m], yaw [rad]."""
 
     fixed_prism: Float[Array, "prefixes fixed 4"]
-    """Shapes of the fixed bodies."""
+    """Shapes of the fixed bodies as prisms (hx, hy, hz, r) [m]."""
 
     fixed_pose: Float[Array, "prefixes fixed 4"]
-    """Poses of the fixed bodies."""
+    """Poses of the fixed bodies: x, y, z of the center [m] and yaw [rad]."""
 
     base_rotation: Float[Array, "prefixes arms 3 3"]
     """Rotations of the bases."""
@@ -68,25 +69,25 @@ class BeamStep(NamedTuple):
     """Arm that holds the object afterwards; 0 where none does."""
 
     closing_yaw: Float[Array, " prefixes"]
-    """Yaw of the closing axis in the object's frame [rad]."""
+    """Yaw of the closing axis, along which the fingers close, in the object's frame after the action [rad]."""
 
     parameter_lower: Float[Array, "prefixes 4"]
-    """Lower bounds of the mode parameters."""
+    """Lower bounds of the mode parameters [m or rad]."""
 
     parameter_upper: Float[Array, "prefixes 4"]
-    """Upper bounds of the mode parameters."""
+    """Upper bounds of the mode parameters [m or rad]."""
 
     support: Float[Array, "prefixes 5"]
-    """Rectangle that the object is put on: center x, y, yaw, half extents."""
+    """Rectangle on which the object is placed: center x, y [m], yaw [rad], half extents [m]."""
 
     meeting_center: Float[Array, "prefixes 2"]
     """Center (x, y) of the region where the acting and the giving arm meet [m]."""
 
     meeting_axis: Float[Array, "prefixes 2"]
-    """Direction of the line through their bases: a unit vector."""
+    """Unit vector along the line through the bases of the acting and the giving arm."""
 
     sibling_penalty: Float[Array, " prefixes"]
-    """By how much a further child of the same parent must be better [m]."""
+    """Penalty on the violation of a proposal for each better sibling [m]."""
 
 
 class ObjectBefore(NamedTuple):
@@ -103,7 +104,7 @@ class ObjectBefore(NamedTuple):
 
 
 class ProposedPoses(NamedTuple):
-    """Mode parameters, and the poses of the G grippers that they ask for."""
+    """Proposed mode parameters, and the poses of the G grippers that belong to them."""
 
     m: Float[Array, "4 prefixes candidates proposals"]
     """Mode parameters of the action."""
@@ -120,7 +121,7 @@ class ProposedPoses(NamedTuple):
 
 @dataclass(frozen=True)
 class Proposal:
-    """One way to sample an action."""
+    """A way to sample the mode parameters of an action."""
 
     name: str
     """Unique among all proposals, as in "handover"."""
@@ -128,16 +129,17 @@ class Proposal:
     propose: Callable[
         [BeamStep, ObjectBefore, Float[Array, "numbers candidates proposals"]], ProposedPoses
     ]
-    """The compiled sampler, a `dvr_jax.runtime.compilation.Program`."""
+    """Compiled function (a `dvr_jax.runtime.compilation.Program`) of the actions, of the objects' attachments before
+    them, and of uniform random numbers, which returns the proposals."""
 
     sibling_penalty: float
-    """By how much a further child of the same parent must be better [m]: the larger, the more varied the beam."""
+    """Penalty on the violation of a proposal for each better sibling [m]; the larger, the more diverse the beam."""
 
 
 def of_item(
     value: Float[Array, "prefixes objects"], step: BeamStep
 ) -> Float[Array, "prefixes 1 1"]:
-    """Entries of the switched objects.
+    """Return the entry of the switched object for each prefix.
 
     Args:
         value: A number for each object.
@@ -149,10 +151,10 @@ def of_item(
 def of_arm(
     value: Float[Array, "prefixes arms *rest"], arm: Int[Array, " prefixes"]
 ) -> Float[Array, "prefixes *rest"]:
-    """Entries of one arm of each prefix.
+    """Return the entry of one arm for each prefix.
 
     Args:
-        value: Something for each arm.
+        value: Array with an axis of arms.
         arm: Index of the arm.
     """
     index = jnp.asarray(arm).reshape(-1, *(1,) * (value.ndim - 1))
@@ -160,7 +162,7 @@ def of_arm(
 
 
 def held_frame(before: ObjectBefore) -> GraspFrame:
-    """The gripper that holds the object, in the object's frame; batch axes (M, B, 1)."""
+    """Return the pose, in the object's frame, of the gripper that holds it; the batch axes are (M, B, 1)."""
     parameters = jnp.moveaxis(jnp.asarray(before.parameters), -1, 0)[..., None]
     return materialize(grasp_frame(parameters, before.closing_yaw[:, None, None]))
 
@@ -168,7 +170,7 @@ def held_frame(before: ObjectBefore) -> GraspFrame:
 def world_gripper(
     rotation: Rotation, position: Vector, frame: GraspFrame, shape: tuple[int, ...]
 ) -> tuple[Rotation, Vector]:
-    """World pose of a gripper from the pose of the object that it holds.
+    """Compute the world pose of a gripper from the world pose of the object that it holds.
 
     Args:
         rotation: Axes of the object (3, 3, ...).

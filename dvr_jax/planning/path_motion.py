@@ -1,15 +1,18 @@
-"""From the slices of a solved path to a motion of the whole scene at ten times their rate.
+"""Interpolate a solved path to a motion of the whole scene, with ten samples in each interval between two slices.
 
-Notation: a path has T slices for K actions, S = T / K slices an action; each interval between slices gets R samples.
+Notation: a path of K actions has T slices and S = T / K slices in each phase. The motion begins at home, one interval
+before the first slice, and has R = 10 samples in each interval of h seconds.
 
-- Joints run through the slices as monotone cubics (F. Fritsch and J. Butland, "A method for constructing local monotone
-  piecewise cubic interpolants", 1984), which keep an arm at rest that rests between two slices.
-- Fingers move in the interval before a switch. At a handover the fingers that take close in the first half of this
-  interval, and the fingers that give open in its second half.
-- One slice lasts as long as the limits of joint speed, joint acceleration and finger speed ask for. With positions
-  q_i at the rate R a slice, a slice of h seconds has the speeds (q_{i+1} - q_i) R / h and the accelerations
+- The joint angles of the slices are interpolated by monotone cubic curves (F. Fritsch and J. Butland, "A method for
+  constructing local monotone piecewise cubic interpolants", 1984). If an arm has the same angles at two slices, it
+  rests between them.
+- Fingers move in the interval before a switch. In a handover the fingers of the taking arm close in the first half of
+  this interval, and those of the giving arm open in its second half.
+- The duration h is the shortest one that respects the limits of joint speed, joint acceleration and finger speed. With
+  the joint angles q_i at sample i, the speeds are (q_{i+1} - q_i) R / h and the accelerations are
   (q_{i+1} - 2 q_i + q_{i-1}) R^2 / h^2.
-- Held objects are carried rigidly by the mode transforms of the NLP, placed with MuJoCo's own kinematics.
+- The pose of a held object follows from the pose of its gripper, which is computed by MuJoCo's forward kinematics, and
+  from the mode parameters of the NLP.
 """
 
 from __future__ import annotations
@@ -33,7 +36,7 @@ from dvr_jax.solver.continuous_collision import SAMPLES_PER_SLICE
 from dvr_jax.workcell.robot import Robot
 
 SHORTEST_SLICE = 0.1
-"""Shortest duration of a slice [s]."""
+"""Shortest duration h of the interval between two slices [s]."""
 
 LIMIT_FRACTION = 0.9
 """Fraction of the limits of joint speed, joint acceleration and finger speed that a motion may use."""
@@ -45,13 +48,13 @@ def interpolate(
     q: Float[np.ndarray, "slices joints"],
     m: Float[np.ndarray, "actions parameters"],
 ) -> Motion:
-    """Return the motion of a solved path.
+    """Return the motion of the whole scene that interpolates a solved path.
 
     Args:
         scene: Scene of the path.
         problem: NLP of the path's sequence, without batch axes.
         q: (T, joints) joint angles of all arms in the slices [rad].
-        m: (K, 4) mode parameters.
+        m: (K, 4) mode parameters [m or rad].
 
     Returns:
         The motion of the whole scene, with T * 10 + 1 samples.
@@ -61,7 +64,7 @@ def interpolate(
     S = T // K
     R = SAMPLES_PER_SLICE
 
-    # Slice number and phase of each sample. From the switch on, an object moves as after the action.
+    # Time of each sample in units of h, and its phase. The sample at a switch already belongs to the next phase.
     sampled = np.arange(T * R + 1) / R
     phase = np.minimum((sampled / S).astype(int), K - 1)
     phase_after = np.where(np.arange(T * R + 1) == T * R, K, phase)
@@ -87,11 +90,11 @@ def _finger_travels(
     fraction: Float[np.ndarray, " samples"],
     phase: Int[np.ndarray, " samples"],
 ) -> Float[np.ndarray, "samples arms"]:
-    """Return the travel of each arm's fingers [m].
+    """Return the opening of each arm's fingers at each sample [m].
 
     Args:
         problem: NLP of the sequence.
-        fraction: Fraction of the interval before the phase's switch that has passed; negative before the interval.
+        fraction: Fraction of the last interval of the phase that has passed; negative before this interval begins.
         phase: Phase of each sample.
 
     Returns:
@@ -101,7 +104,7 @@ def _finger_travels(
     before = opening[phase]
     after = opening[phase + 1]
 
-    # Where both hands move, the closing one has the first half of the interval and the opening one the second.
+    # If both grippers move, one closes in the first half of the interval, and the other opens in the second half.
     is_moving = before != after
     both_move = is_moving.sum(axis=1, keepdims=True) > 1
     half = np.where(after < before, 2 * fraction[:, None], 2 * fraction[:, None] - 1)
@@ -115,21 +118,21 @@ def _slice_duration(
     joints: Float[np.ndarray, "samples joints"],
     fingers: Float[np.ndarray, "samples arms"],
 ) -> float:
-    """Return the shortest duration of a slice that keeps all limits [s].
+    """Return the shortest duration h of the interval between two slices that respects all limits [s].
 
     Args:
-        robot: Robot that all arms are.
-        joints: Joint angles of all arms at the motion's rate [rad].
-        fingers: Travel of each arm's fingers [m].
+        robot: The robot that all arms are instances of.
+        joints: Joint angles of all arms at the samples [rad].
+        fingers: Opening of each arm's fingers at the samples [m].
 
     Returns:
-        Duration of a slice [s].
+        Duration of an interval [s].
     """
     arms = fingers.shape[1]
     joint_velocity = np.tile(robot.joint_velocity, arms)
     joint_acceleration = np.tile(robot.joint_acceleration, arms)
 
-    # First and second differences in units of a slice. The motion starts and ends at rest.
+    # Velocities [rad per interval] and accelerations [rad per squared interval]. The motion starts and ends at rest.
     velocity = np.diff(joints, axis=0) * SAMPLES_PER_SLICE
     change = np.diff(velocity, axis=0, prepend=0.0, append=0.0) * SAMPLES_PER_SLICE
 
@@ -150,7 +153,7 @@ def _carry_objects(
     phase: Int[np.ndarray, " samples"],
     qpos: Float[np.ndarray, "samples states"],
 ) -> None:
-    """Write the poses of the objects into `qpos`, whose joints are complete."""
+    """Write the poses of the objects into `qpos`, in which joints and fingers have been written already."""
     columns = qpos_layout(scene).objects
     hand_position, hand_rotation = _gripper_frames(scene, qpos)
 
@@ -180,7 +183,7 @@ def _gripper_frames(
     data = mujoco.MjData(model)
     sites = [model.site(f"{arm}/gripper").id for arm in scene.workcell.arm_names]
 
-    # The views are taken once, because MuJoCo's arrays stay where they are from one sample to the next.
+    # MuJoCo reuses the same arrays for every sample, so the attributes are looked up only once.
     state = data.qpos
     site_positions = data.site_xpos
     site_rotations = data.site_xmat
@@ -204,7 +207,7 @@ def _object_pose(
     hand_position: Float[np.ndarray, "samples arms 3"],
     hand_rotation: Float[np.ndarray, "samples arms 9"],
 ) -> tuple[Float[np.ndarray, "..."], Rotation]:
-    """Return position [m] and rotation of an object in the samples of one phase, one for all where it stands."""
+    """Return position [m] and rotation of an object at the samples of one phase; a standing object has one pose."""
     kind = int(problem.mode_kind[phase, item])
     action = int(problem.mode_action[phase, item])
     if kind == ModeKind.HELD:
@@ -230,7 +233,7 @@ def _align_quaternion_signs(
 ) -> None:
     """Give neighboring quaternions of each object the same sign, in place.
 
-    Both signs are the same rotation, but a reader may take the mean of two neighboring samples.
+    Both signs describe the same rotation, but programs that interpolate between two samples need equal signs.
     """
     for indices in columns:
         flips = np.sum(qpos[1:, indices] * qpos[:-1, indices], axis=1) < 0

@@ -1,4 +1,4 @@
-"""Plan one scene: search for a sequence, optimize its path, and accept it only if the independent check does.
+"""Plan one scene: search for a sequence, optimize its path, and accept the path only if the independent check passes.
 
 from dvr_jax import load_scene, plan
 
@@ -52,13 +52,14 @@ def plan(
             (multi-bound tree search) or "bfs" (breadth-first search).
         k_max: Largest number of actions, at least 1.
         seed: Seed of all sampling, from 0. The same seed gives the same plan.
-        time_limit: Time after which the search gives up [s]. The clock is read between batches, so the limit is
-            overrun by a few seconds. Compilation counts; on a machine's first plan it takes most of a minute.
-        progress: Function that takes one line about what is going on; None for silence.
-        network: Network of the search's kind, for "dvr" and "classifier"; None for the shipped one. Where the shipped
-            one was trained in another workcell or for other operators, "mbts" searches in its place.
+        time_limit: Time after which the search gives up [s]. The clock is read between batches, so the search can
+            exceed the limit by a few seconds. The time includes compilation, which takes most of a minute for the
+            first plan on a machine.
+        progress: Function that is called with one line of text about each step; None reports nothing.
+        network: Network of the search's kind, for "dvr" and "classifier"; None for the shipped one. If the shipped
+            network was trained in another workcell or for other operators, the search "mbts" is used instead.
         operators: Operators that the plan may consist of.
-        checks: Their halves in the independent check.
+        checks: The operators' counterparts in the independent check, one for each operator.
 
     Returns:
         The plan. Its status says whether a motion was found, and if not, why the search ended.
@@ -96,7 +97,7 @@ def plan(
 
 
 class _Acceptance:
-    """The last word on a path: its motion and what the independent check says of it."""
+    """Turns feasible paths into motions, runs the independent check on them, and keeps the motion that passes."""
 
     def __init__(
         self, scene: Scene, progress: Callable[[str], None], checks: Sequence[OperatorCheck]
@@ -145,7 +146,7 @@ def _make_plan(
     options: dict[str, object],
     total_seconds: float,
 ) -> Plan:
-    """Collect what the search, the check and the clock have to say."""
+    """Assemble the plan from the outcome of the search, the result of the check and the measured times."""
     seconds = {
         **outcome.seconds,
         "check": acceptance.seconds,

@@ -1,4 +1,4 @@
-"""A node of the tree of action sequences: a prefix, and what is known of it."""
+"""A node of the tree of action sequences is a prefix, with its keyframe NLP, its beam and the verdicts on it."""
 
 from __future__ import annotations
 
@@ -33,23 +33,23 @@ class Node:
     """Keyframe candidates of the prefix, once they are sampled."""
 
     feasible: bool | None = None
-    """Verdict of the sequence bound, or False by the pose bound; None: not computed."""
+    """Verdict of the sequence bound, or False if the pose bound refuted the prefix; None if neither is known."""
 
     refuted_by: str = ""
     """The bound that refuted the prefix: "symbolic", "pose", "sequence", "path", or "check" for a path that only the
     check refused."""
 
     violation: float = math.nan
-    """Least violation that an NLP under the refuting bound ended with, as a multiple of its tolerance."""
+    """Least relative violation (a multiple of the tolerance) among the NLPs of the refuting bound; NaN if unknown."""
 
     solved: bool | None = None
-    """Whether there is an accepted path; None: not tried."""
+    """Whether there is an accepted path; None if no path has been tried."""
 
     children: list[Node] | None = None
     """The prefixes one action longer, once the node is expanded."""
 
     def refute(self, bound: str, violation: float) -> None:
-        """Note that a bound of keyframes refutes this prefix, and so all its continuations.
+        """Record that a bound refutes this prefix, and therefore all its continuations.
 
         Args:
             bound: Name of the bound.
@@ -65,7 +65,7 @@ class Node:
         return len(self.actions)
 
     def ancestor(self, depth: int) -> Node:
-        """The prefix of this length, or the node itself where it is shorter."""
+        """Return the node of this node's prefix of the given length, or the node itself if it is shorter."""
         node = self
         while node.depth > depth and node.parent is not None:
             node = node.parent

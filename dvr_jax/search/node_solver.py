@@ -1,6 +1,7 @@
-"""The numerical work behind the bounds of one scene's tree: beams of keyframes, keyframe NLPs, path NLPs.
+"""The numerical work behind the bounds of one scene's tree: it samples beams and solves keyframe NLPs and path NLPs.
 
-What asks for work (`dvr_jax.search.work`) is a generator.
+Methods that return `Steps` are generators: they yield requests for work (`dvr_jax.search.work`) and are sent the
+results.
 """
 
 from __future__ import annotations
@@ -34,17 +35,20 @@ from dvr_jax.solver.lane_pool import NlpSolution
 from dvr_jax.workcell.model import workcell_model
 
 FURTHER_STARTS = (5, 10)
-"""Ranks of the candidates that the keyframe NLP is started from where the best one fails: neighbors in rank often are
-siblings, and these two find all but one of what the fifteen others find in 1,100 prefixes."""
+"""Ranks of the candidates that the keyframe NLP is started from if the start from the best one (rank 0) fails.
+
+Candidates of neighboring ranks often are siblings, so two distant ranks are used. In 1,100 prefixes these two starts
+found all but one of the solutions that all fifteen other candidates found.
+"""
 
 PATH_STARTS = 4
-"""Keyframes that the path NLP is started from, one after the other."""
+"""Largest number of keyframe solutions that the path NLP of a leaf is started from, one after the other."""
 
 GOOD_PENETRATION = 0.01
 """Candidates whose penetrations sum up to at most this are good enough to start a path from [m]."""
 
 BATCH = 64
-"""Prefixes judged between two looks at the clock."""
+"""Number of prefixes that are judged between two comparisons of the time with the deadline."""
 
 _Item = TypeVar("_Item")
 
@@ -55,21 +59,21 @@ class OutOfTime(Exception):
 
 @dataclass(slots=True)
 class Counts:
-    """How many NLPs were solved and verdicts taken, by bound."""
+    """Numbers of NLPs solved and of prefixes judged, by bound."""
 
     nlps: Counter[str] = field(default_factory=Counter)
-    """NLP solves (starts count singly): "pose", "sequence", "path"."""
+    """Number of NLP solves for the bounds "pose", "sequence" and "path"; every start counts."""
 
     verdicts: Counter[str] = field(default_factory=Counter)
-    """Prefixes judged, by bound, including those that a candidate proved feasible or the scene refuted; "leaf":
-    sequences that reach the goal and were considered."""
+    """Number of prefixes judged by each bound, including those that a candidate proved feasible or a constant of the
+    scene refuted. The key "leaf" counts the sequences that reach the goal and were considered."""
 
     feasible: Counter[str] = field(default_factory=Counter)
-    """Those of the verdicts that say feasible."""
+    """Number of prefixes that each bound judged to be feasible."""
 
 
 class NodeSolver:
-    """Beams and NLPs of the nodes of one scene, and how many there were."""
+    """Samples the beams and solves the NLPs of the nodes of one scene, and counts both."""
 
     def __init__(
         self, scene: Scene, settings: Settings, deadline: float, operators: Sequence[Operator]
@@ -78,7 +82,7 @@ class NodeSolver:
 
         Args:
             scene: A valid scene.
-            settings: Of the solver.
+            settings: Settings of the solver.
             deadline: Time of `time.monotonic` after which `OutOfTime` is raised [s].
             operators: The operators that are known.
         """
@@ -90,18 +94,18 @@ class NodeSolver:
         self.counts = Counts()
 
     def look_at_the_clock(self) -> None:
-        """Raise `OutOfTime` past the deadline."""
+        """Raise `OutOfTime` if the deadline has passed."""
         if time.monotonic() > self.deadline:
             raise OutOfTime
 
     def sample(
         self, nodes: list[Node], ignored: list[tuple[str, ...]], seed: int
     ) -> Steps[list[Node]]:
-        """Sample the beams of nodes whose parents have theirs.
+        """Sample the beams of nodes whose parents have beams, and mark nodes that a candidate proves feasible.
 
         Args:
             nodes: The nodes.
-            ignored: Names of the objects that are left out, for each node.
+            ignored: For each node, names of the objects that are left out of the world.
             seed: Seed of the sample.
 
         Returns:
@@ -122,7 +126,7 @@ class NodeSolver:
         return [node for node in nodes if not node.feasible]
 
     def _beam_task(self, node: Node, ignored: tuple[str, ...]) -> BeamTask:
-        """What the beam of a node is sampled from."""
+        """Collect what the beam of a node is sampled from: the parent's beam, the keyframe NLP and the proposal."""
         problem = node.problem or transcribe(self.scene, node.actions, ignored, self.operators)
         last = number_of_phases(problem) - 1
         before = ModeKind(int(problem.mode_kind[last, problem.switched_object[last]]))
@@ -130,13 +134,14 @@ class NodeSolver:
         return BeamTask(self._parent_beam(node, ignored), problem, proposal)
 
     def _parent_beam(self, node: Node, ignored: tuple[str, ...]) -> KeyframeBeam:
+        """Return the beam of a node's parent; the root's beam is adapted to the ignored objects."""
         assert node.parent is not None and node.parent.beam is not None
         if node.parent.depth == 0 and ignored:
             return self.leave_out(node.parent.beam, frozenset(ignored))
         return node.parent.beam
 
     def leave_out(self, beam: KeyframeBeam | None, ignored: frozenset[str]) -> KeyframeBeam:
-        """A beam with some objects left out of the world.
+        """Return a copy of a beam with some objects left out of the world.
 
         Args:
             beam: A beam with fewer objects left out.
@@ -150,15 +155,16 @@ class NodeSolver:
     def solve(self, nodes: list[Node], bound: str) -> Steps[None]:
         """Solve the keyframe NLPs of nodes that no candidate proved feasible.
 
-        All start from their best candidate, then those that failed from the candidates of `FURTHER_STARTS`.
+        Every NLP starts from the node's best candidate. Those that fail are started again from the candidates of the
+        ranks `FURTHER_STARTS`. A node whose starts all fail is refuted.
 
         Args:
             nodes: The nodes.
-            bound: The bound that asks, under which NLPs are counted and nodes are refuted.
+            bound: Name of the bound that the NLPs are counted for and that refutes nodes.
         """
         for group in _by_depth(nodes):
             failed = yield from self._solve_from(group, [0], bound)
-            # Where inverse kinematics found nothing at all, more starts are no better than one.
+            # If inverse kinematics reached no proposal of the node, further starts do not help.
             reached = [node for node in failed if _is_reached(node)]
             yield from self._solve_from(reached, FURTHER_STARTS, bound)
             for node in group:
@@ -166,7 +172,7 @@ class NodeSolver:
                     node.refute(bound, node.violation)
 
     def _solve_from(self, nodes: list[Node], ranks: Sequence[int], bound: str) -> Steps[list[Node]]:
-        """Keyframe NLPs of nodes of one depth from their candidates of these ranks; those nodes that failed."""
+        """Solve keyframe NLPs of nodes of one depth from the candidates of these ranks; return those that failed."""
         for first in range(0, len(nodes), BATCH):
             self.look_at_the_clock()
             lanes = [(node, rank) for node in nodes[first : first + BATCH] for rank in ranks]
@@ -179,25 +185,25 @@ class NodeSolver:
                     node.feasible = True
                     node.beam = adopt_solution(_beam_of(node), _problem_of(node), solution)
                 else:
-                    # NaN is no smaller than anything.
+                    # `min` returns its first argument if the second is NaN, the initial value of `node.violation`.
                     node.violation = min(solution.relative_violation, node.violation)
         return [node for node in nodes if not node.feasible]
 
     def solve_from_all(self, nodes: list[Node], bound: str) -> Steps[None]:
-        """Solve the keyframe NLPs of nodes from every candidate.
+        """Solve the keyframe NLPs of nodes, starting from every candidate of their beams.
 
         Args:
             nodes: The nodes.
-            bound: The bound that asks.
+            bound: Name of the bound that the NLPs are counted for.
         """
         for group in _by_depth(nodes):
             reached = [node for node in group if _is_reached(node)]
             yield from self._solve_from(reached, range(BEAM_WIDTH), bound)
 
     def isolate_switch(self, node: Node, root: Node, ignored: Sequence[str], seed: int) -> None:
-        """Give a node of two actions on one object the problem of the second action alone.
+        """Give a node of two actions on one object the keyframe NLP of the second action alone.
 
-        The node also gets a parent whose candidates hold the object in any way.
+        The node also gets a parent whose beam holds random grasps of the object, within the bounds of the first action.
 
         Args:
             node: An action that leaves its object in a gripper, and the next action on the same object.
@@ -213,28 +219,28 @@ class NodeSolver:
         node.parent.beam = held_beam(node.problem, k_max, seed)
 
     def path_keyframes(self, node: Node) -> list[Variables]:
-        """Keyframes that a path may start from: good candidates, at least one and at most `PATH_STARTS`.
+        """Return keyframes that a path may start from: good candidates, at least one and at most `PATH_STARTS`.
 
         Args:
             node: A node that passed the sequence bound.
         """
         assert node.feasible
         beam = _beam_of(node)
-        # Spread over the candidates: neighbors in rank often are siblings.
+        # The starts are spread over the good candidates, because neighbors in rank often are siblings.
         good = int((beam.violation <= GOOD_PENETRATION).sum())
         return [
             keyframe_start(beam, rank, node.depth) for rank in _spread(range(good), PATH_STARTS)
         ]
 
     def more_keyframes(self, node: Node, most: int) -> Steps[list[Variables]]:
-        """Solve the keyframe NLP from candidates that are not good.
+        """Solve the keyframe NLP from candidates that penetrate too deeply to start a path from.
 
         Args:
             node: A node that passed the sequence bound.
-            most: Most solutions that are wanted.
+            most: Largest number of solutions to return.
 
         Returns:
-            Solutions, at most so many.
+            At most `most` feasible solutions.
         """
         self.look_at_the_clock()
         problem = _problem_of(node)
@@ -253,7 +259,7 @@ class NodeSolver:
 
         Args:
             node: The node.
-            keyframes: Where the path starts from; by default the node's best keyframes.
+            keyframes: Keyframes that the initial path interpolates; None for the best ones of the node's beam.
         """
         self.look_at_the_clock()
         problem = _problem_of(node)
@@ -276,13 +282,13 @@ def _beam_of(node: Node) -> KeyframeBeam:
 
 
 def _spread(items: Sequence[_Item], most: int) -> list[_Item]:
-    """At most so many of the items, the first and others at equal distances."""
+    """Return at most `most` of the items: the first one and others at equal distances in the list."""
     count = min(most, len(items))
     return [items[i * (len(items) // count)] for i in range(count)]
 
 
 def _by_depth(nodes: Sequence[Node]) -> list[list[Node]]:
-    """Nodes in groups of one depth: what can share a batch of NLPs."""
+    """Divide nodes into groups of equal depth, whose NLPs have the same shape and can share a batch."""
     groups: dict[int, list[Node]] = {}
     for node in nodes:
         groups.setdefault(node.depth, []).append(node)
@@ -290,5 +296,5 @@ def _by_depth(nodes: Sequence[Node]) -> list[list[Node]]:
 
 
 def _is_reached(node: Node) -> bool:
-    """Whether inverse kinematics found all postures of some candidate."""
+    """Return whether inverse kinematics found postures for all switches of at least one candidate."""
     return node.beam is not None and bool(node.beam.violation.min() < UNREACHABLE)

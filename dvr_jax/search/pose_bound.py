@@ -1,9 +1,12 @@
-"""The pose bound: keyframes of the actions on one object alone, whose verdicts many sequences share.
+"""The pose bound asks whether keyframes exist for the actions on one object alone; many sequences share its verdicts.
 
-A *chain* is the sequence of all actions on one object so far; all other objects that have moved meanwhile are left out
-of the world. A chain whose keyframes are infeasible refutes every sequence that contains it. Before the chain, its
-last switch is judged alone where the object is held: how it was grasped is free, so that one verdict, of two slices,
-is shared by all chains that end with the same two actions.
+A *chain* is the list of all actions on one object in a sequence. All other objects that the sequence has moved are left
+out of the world: they are the *ignored* objects. If the keyframes of a chain are infeasible, every sequence that
+contains the chain is refuted.
+
+If the object is held before the chain's last action, the last mode switch is judged alone before the whole chain is.
+In this relaxation the object may be held in any way that the action before allows. Its NLP has only two slices, and its
+verdict is shared by all chains that end with the same two actions.
 """
 
 from __future__ import annotations
@@ -19,28 +22,28 @@ from dvr_jax.search.node_solver import NodeSolver
 from dvr_jax.search.work import Steps
 
 SWITCH_SAMPLES = 2
-"""Samples that have to fail before a last switch alone refutes what ends with it: that is a lot, and one sample misses
-1 to 5 of 1,139 switches known to be feasible."""
+"""Number of samples (seeds) that have to fail before a last switch alone refutes the chains that end with it. A single
+sample misses 1 to 5 of 1,139 switches that are known to be feasible, and each of them would refute many sequences."""
 
 Actions = tuple[Action, ...]
 Ignored = frozenset[str]
 ChainKey = tuple[Actions, Ignored]
-"""Actions on one object, and the names of the other objects that have moved meanwhile."""
+"""The actions on one object (a chain), and the names of the ignored objects."""
 
 _Known = dict[Actions, dict[Ignored, Node]]
-"""Verdicts on actions on one object, by the other objects that have moved."""
+"""Judged nodes, by their actions on one object and by the names of the ignored objects."""
 
 
 class PoseBound:
-    """Verdicts on chains of one scene, computed once and kept."""
+    """Computes the verdicts on chains of one scene and stores them."""
 
     def __init__(self, solver: NodeSolver, root: Node, seed: int) -> None:
-        """Begin without any verdict.
+        """Create a bound that has no verdict yet.
 
         Args:
-            solver: Work on the scene.
+            solver: Numerical work on the scene.
             root: The tree's root.
-            seed: Of all sampling.
+            seed: Seed of all sampling.
         """
         self._solver = solver
         self._root = root
@@ -49,7 +52,7 @@ class PoseBound:
         self._switches: _Known = {}
 
     def judge(self, nodes: list[Node]) -> Steps[list[bool]]:
-        """Judge nodes by the keyframes of their last object, and refute those that fail.
+        """Judge nodes by the keyframes of the object that their last action switches, and refute those that fail.
 
         Args:
             nodes: The nodes.
@@ -57,10 +60,12 @@ class PoseBound:
         Returns:
             Whether each of them passes.
         """
-        # Keyframes that are known prove more than samples that miss.
+        # A node whose keyframes are known is feasible: the pose bound, which may miss solutions, must not refute it.
         unproved = [node for node in nodes if node.feasible is not True]
         chains = dict.fromkeys(map(self._chain, unproved))
         longest = max((len(chain) for chain, _ in chains), default=0)
+
+        # The prefixes of a chain are judged first, because the beam of a chain extends the beam of its prefix.
         for length in range(1, longest + 1):
             keys = [(chain[:length], ignored) for chain, ignored in chains if len(chain) >= length]
             yield from self._judge_chains(list(dict.fromkeys(keys)))
@@ -71,14 +76,14 @@ class PoseBound:
             if not judged.feasible:
                 node.refute("pose", judged.violation)
             elif not ignored:
-                # Nothing is left out of the world: these are the keyframes that the sequence bound asks for.
+                # No object is ignored, so the chain is the whole sequence and the sequence bound is computed too.
                 node.feasible = True
                 node.problem = judged.problem
                 node.beam = judged.beam
         return [node.feasible is not False for node in nodes]
 
     def check_cached(self, node: Node) -> bool:
-        """Whether a node may go on, by verdicts that are known already; it is refuted if it may not."""
+        """Return False and refute the node if a verdict that is known already shows that it is infeasible."""
         chain, ignored = self._chain(node)
         lengths = range(1, len(chain) + 1 if node.feasible is not True else 0)
         for length in lengths:
@@ -91,18 +96,19 @@ class PoseBound:
         return node.feasible is not False
 
     def _chain(self, node: Node) -> ChainKey:
-        """Actions on the object of the node's last action, and the objects that others have moved meanwhile."""
+        """Return the actions on the object of the node's last action, and the names of all other objects that moved."""
         operators = self._solver.operators
         name = object_of(node.actions[-1], operators)
         chain = tuple(action for action in node.actions if object_of(action, operators) == name)
         return chain, frozenset(object_of(action, operators) for action in node.actions) - {name}
 
     def _judge_chains(self, keys: list[ChainKey]) -> Steps[None]:
-        """Verdicts of chains of one length, whose prefixes have theirs."""
+        """Judge chains of one length whose prefixes have been judged."""
         sampled: list[Node] = []
         unproved: list[Node] = []
 
-        # What is feasible with few objects left out is so with more: few first, and the others inherit.
+        # A chain that is feasible with few ignored objects is feasible with more of them. Chains with few ignored
+        # objects are therefore judged first, and the others inherit their verdicts.
         ordered = sorted(keys, key=lambda key: len(key[1]))
         for _, group in groupby(ordered, key=lambda key: len(key[1])):
             fresh = yield from self._pass_switches(self._fresh_chains(list(group)))
@@ -114,7 +120,7 @@ class PoseBound:
         self._count(sampled)
 
     def _fresh_chains(self, keys: list[ChainKey]) -> list[tuple[Node, Ignored]]:
-        """Nodes of chains without a verdict that follows from another one."""
+        """Create nodes for new chains, and return those whose verdict does not follow from a known one."""
         fresh: list[tuple[Node, Ignored]] = []
         for chain, ignored in keys:
             known = self._chains.setdefault(chain, {})
@@ -133,8 +139,10 @@ class PoseBound:
     def _pass_switches(
         self, nodes: list[tuple[Node, Ignored]]
     ) -> Steps[list[tuple[Node, Ignored]]]:
-        """Those chains that are not refuted by their last switch alone."""
+        """Judge the last switches of chains alone, and return the chains that are not refuted by them."""
         fresh = self._fresh_switches(nodes)
+
+        # A switch that has failed is sampled again with another seed.
         for seed in range(self._seed, self._seed + SWITCH_SAMPLES):
             refuted = [
                 (switch, tuple(sorted(ignored)))
@@ -161,11 +169,11 @@ class PoseBound:
         return passed
 
     def _fresh_switches(self, nodes: list[tuple[Node, Ignored]]) -> dict[ChainKey, Node]:
-        """Nodes of last switches without a verdict."""
+        """Create and return nodes for the last switches whose verdict is neither known nor follows from a known one."""
         fresh: dict[ChainKey, Node] = {}
         for node, ignored in nodes:
             pair = node.actions[-2:]
-            # A chain of two is as cheap as its last switch, and where it is feasible, so is the switch.
+            # A chain of two actions costs no more than its last switch alone, so only longer chains are treated.
             if (
                 node.depth < 3
                 or operator_of(pair[0], self._solver.operators).mode_after != ModeKind.HELD
@@ -181,25 +189,29 @@ class PoseBound:
         return fresh
 
     def _refuting_switch(self, chain: Actions, ignored: Ignored) -> Node | None:
-        """The last switch of a chain, where alone it has been refuted and nothing known is proof to the contrary."""
+        """Return the node of a chain's last switch if it refutes the chain, and None otherwise."""
         if len(chain) <= 2:
             return None
         judged = self._switches.get(chain[-2:], {}).get(ignored)
         if judged is None or judged.feasible is not False:
             return None
-        # Samples may miss what a chain that ends with the switch, judged since, has found.
+        # The samples may have missed a solution. A feasible chain that ends with the switch proves that there is one.
         is_proved = self._is_proved(chain[-2:], ignored) or self._is_proved(chain, ignored)
         return None if is_proved else judged
 
     def _is_proved(self, chain: Actions, ignored: Ignored) -> bool:
-        """Whether a chain is known to be feasible with these objects left out, or fewer."""
+        """Return whether a chain is known to be feasible with these objects ignored, or with a subset of them."""
         return any(
             others <= ignored and other.feasible
             for others, other in self._chains.get(chain, {}).items()
         )
 
     def _inherit(self, node: Node, known: dict[Ignored, Node], ignored: Ignored) -> bool:
-        """Whether the same is known to be feasible with fewer objects left out; the node then takes that over."""
+        """Copy the verdict of a node with the same actions that is feasible with fewer ignored objects.
+
+        Returns:
+            Whether there is such a node.
+        """
         for others, other in known.items():
             if others < ignored and other.feasible:
                 node.feasible = True
@@ -209,5 +221,6 @@ class PoseBound:
         return False
 
     def _count(self, judged: Sequence[Node]) -> None:
+        """Add nodes to the counts of verdicts."""
         self._solver.counts.verdicts["pose"] += len(judged)
         self._solver.counts.feasible["pose"] += sum(bool(node.feasible) for node in judged)

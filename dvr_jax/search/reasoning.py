@@ -1,13 +1,15 @@
-"""Search that a network guides: Algorithm 1 of the paper, and its variant for the recurrent feasibility classifier.
+"""The searches that a network guides: Algorithm 1 of the paper, and a variant for the recurrent feasibility classifier.
 
-The network says of each action how promising it is after the prefix before it. The node with the highest prediction is
-expanded first; of the sequences found that reach the goal, those are solved whose prediction exceeds a threshold,
-which falls as the search goes on. Whatever the network says, every sequence of at most K_max actions is reached in the
-end unless a bound has refuted a prefix of it, so nothing that breadth-first search finds is lost.
+The network predicts for each action how promising it is after the prefix before it. The node with the highest
+prediction is expanded first. Of the sequences found that reach the goal (the *leaves*), those are solved whose
+prediction exceeds a threshold, which decreases during the search. Whatever the network predicts, every sequence of at
+most K_max actions is reached in the end unless a bound has refuted a prefix of it, so that these searches are as
+complete as breadth-first search.
 
-Beyond the paper: each time that none of the sequences tried was feasible, the next try waits for four times as many
-above the threshold and judges their keyframes in one batch; paths are tried in the order of the predictions. Where the
-network is right nothing changes; where it is wrong, a batch is many times cheaper than its members one by one.
+One thing differs from the paper. Each time that none of the leaves tried was feasible, the search collects four times
+as many leaves above the threshold before the next try, and judges their keyframes in one batch; their paths are tried
+in the order of the predictions. If the network's first prediction is right, nothing changes. If it is wrong, a batch is
+many times cheaper than its members one after the other.
 """
 
 from __future__ import annotations
@@ -26,26 +28,30 @@ from dvr_jax.search.status import PlanStatus
 from dvr_jax.search.work import Steps
 
 THRESHOLD = 0.5
-"""Prediction above which a sequence is solved, at first (sec. IV-F of the paper)."""
+"""Initial threshold; leaves with a prediction above it are solved (sec. IV-F of the paper)."""
 
 DISCOUNT = 0.9
-"""Factor of the threshold each time that too few of the sequences known exceed it for the next try."""
+"""Factor by which the threshold decreases each time that it leaves too few leaves for the next try."""
 
 GROWTH = 4
-"""Factor of the number of sequences judged at once, each time that none was feasible."""
+"""Factor by which the number of leaves in a batch grows each time that none of them was feasible."""
 
 LARGEST_BATCH = 64
-"""Sequences whose keyframes are judged at once, at most."""
+"""Largest number of leaves whose keyframes are judged in one batch."""
 
 
 @dataclass(slots=True, eq=False)
 class _Candidate:
-    """A node with what the network makes of it."""
+    """A node with the network's prediction for it (not to be confused with the candidates of a keyframe beam)."""
 
     node: Node
+    """The node."""
+
     probability: float
+    """The network's prediction for the node's last action."""
+
     hidden: Float[np.ndarray, " hidden"] | None
-    """State after the node's actions; None of a sequence that reaches the goal, after which nothing is asked."""
+    """Hidden state of the network after the node's actions; None for a leaf, which is not expanded."""
 
 
 class _ByProbability:
@@ -67,12 +73,12 @@ class _ByProbability:
         return heapq.heappop(self._heap)[2]
 
     def take(self, number: int, threshold: float) -> list[_Candidate]:
-        """Remove and return the most promising candidates that nothing has refuted; refuted ones are dropped.
+        """Remove and return the most promising candidates that no bound has refuted; refuted ones are dropped.
 
         Args:
-            number: How many are wanted.
-            threshold: All of them have to exceed it, else none is returned; where it is negative, as many are returned
-                as there are.
+            number: Number of candidates to return.
+            threshold: If fewer than `number` candidates exceed the threshold, none is removed and the result is empty.
+                With a negative threshold, all candidates up to `number` are returned.
         """
         entries: list[tuple[float, int, _Candidate]] = []
         while self._heap and len(entries) < number:
@@ -110,10 +116,10 @@ class _ByDepth(_ByProbability):
 def visual_reasoning(
     session: SearchSession, network: SequencePredictor[Images, Encoding]
 ) -> Steps[Outcome]:
-    """Search by Algorithm 1: the network predicts whether an action leads to the goal.
+    """Search by Algorithm 1 of the paper: the network predicts whether an action leads to a feasible sequence.
 
     Args:
-        session: The search under way.
+        session: The search in progress.
         network: A network of the kind "dvr".
     """
     return (yield from _guided(session, network, _ByProbability()))
@@ -122,10 +128,10 @@ def visual_reasoning(
 def feasibility_classifier(
     session: SearchSession, network: SequencePredictor[Images, Encoding]
 ) -> Steps[Outcome]:
-    """Search breadth-first among what the network predicts to be feasible, whatever the goal.
+    """Search breadth-first among the prefixes that the network predicts to be feasible, independent of the goal.
 
     Args:
-        session: The search under way.
+        session: The search in progress.
         network: A network of the kind "classifier".
     """
     return (yield from _guided(session, network, _ByDepth()))
@@ -134,7 +140,10 @@ def feasibility_classifier(
 def _guided(
     session: SearchSession, network: SequencePredictor[Images, Encoding], to_expand: _ByProbability
 ) -> Steps[Outcome]:
+    """Search with a network's predictions; `to_expand` determines the order in which nodes are expanded."""
     tree = session.tree
+
+    # The images of the initial scene are rendered and encoded once.
     with session.timed("image"):
         images = network.render(tree.scene)
     with session.timed("network"):
@@ -151,7 +160,7 @@ def _guided(
                 (leaves if child.node.reaches_goal else to_expand).push(child)
 
         while leaves:
-            # With nothing left to expand all sequences are known, and the threshold has done its work.
+            # If no node is left to expand, all leaves are known, and they are tried whatever the threshold is.
             batch = leaves.take(width, threshold if to_expand else -1.0)
             if not batch:
                 threshold *= DISCOUNT
@@ -169,7 +178,7 @@ def _expand(
     encoding: Encoding,
     parent: _Candidate,
 ) -> list[_Candidate]:
-    """Children of a node that pass the symbolic bound, with their predictions; none of a node that is refuted."""
+    """Return the children of a node that pass the symbolic bound, with predictions; a refuted node has none."""
     tree = session.tree
     if _is_refuted(parent.node):
         return []
@@ -183,16 +192,17 @@ def _expand(
         assert parent.hidden is not None
         probabilities, after = network.predict(encoding, parent.hidden[None], actions)
     return [
-        # Where all reach the goal, as in the last level, nothing keeps the states.
+        # The hidden states of leaves are not stored, because leaves are not expanded.
         _Candidate(child, probability, None if child.reaches_goal else hidden)
         for child, probability, hidden in zip(children, probabilities.tolist(), after, strict=True)
     ]
 
 
 def _try(session: SearchSession, leaves: list[Node]) -> Steps[Outcome | None]:
-    """Take all bounds of leaves, the path bound in the order of their predictions.
+    """Compute all bounds of leaves, the path bound in the order of their predictions, until a path is accepted.
 
-    A leaf alone is what the network is sure of; the pose bound, which other leaves share, pays where there are many.
+    A single leaf is one that the network is confident about, so its sequence bound is computed at once. The verdicts of
+    the pose bound are shared by many leaves, so the pose bound is worthwhile only for several leaves.
     """
     session.tree.counts.verdicts["leaf"] += len(leaves)
     if len(leaves) > 1:
@@ -207,7 +217,7 @@ def _try(session: SearchSession, leaves: list[Node]) -> Steps[Outcome | None]:
 
 
 def _is_refuted(node: Node) -> bool:
-    """Whether a bound has refuted a node or a prefix of it."""
+    """Return whether a bound has refuted a node or a prefix of it."""
     prefix: Node | None = node
     while prefix is not None:
         if prefix.feasible is False:

@@ -1,12 +1,13 @@
 """Breadth-first search and multi-bound tree search over the sequences of one scene, and all searches by name.
 
-These two visit sequences in order of length and stop at the first whose path is accepted; both are complete up to
-K_max: they end without a solution only when every sequence has been refuted by some bound (or at the time limit).
-Within a length, sequences that reach the goal come first. They differ in what they compute on the way:
+Breadth-first and multi-bound search visit sequences in order of length and stop at the first one whose path is
+accepted. Both are complete up to K_max: they end without a solution only when every sequence has been refuted by some
+bound (or at the time limit). Among sequences of the same length, those that reach the goal (the *leaves*) come first.
+The two searches differ in the bounds that they compute (`dvr_jax.search.tree` defines them):
 
-- *breadth-first* takes the sequence bound of every prefix;
-- *multi-bound* (Toussaint and Lopes 2017) prunes with the pose bound, whose verdicts many prefixes share, and takes the
-  sequence bound along the sequences that reach the goal only, with a second opinion on what it refutes there.
+- *breadth-first* computes the sequence bound of every prefix;
+- *multi-bound* (Toussaint and Lopes 2017) prunes with the pose bound, whose verdicts many prefixes share. It computes
+  the sequence bound only for leaves and their prefixes, and retries once what this bound refutes.
 """
 
 from __future__ import annotations
@@ -25,28 +26,29 @@ from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import Steps, run_alone
 
 LEAVES = 64
-"""Leaves judged before paths of the feasible ones are tried."""
+"""Number of leaves whose bounds are computed in one batch before the paths of the feasible ones are tried."""
 
 EAGER_LENGTH = 3
-"""Length up to which multi-bound search takes the pose bound of all prefixes."""
+"""Length up to which multi-bound search computes the pose bound of all prefixes."""
 
 Judge = Callable[[list[Node]], Steps[list[Node]]]
-"""Takes a bound of nodes and returns those that pass."""
+"""Function that computes a bound of nodes and returns the nodes that pass."""
 
 
 def breadth_first(session: SearchSession) -> Steps[Outcome]:
-    """Search breadth-first: take the sequence bound of every prefix, level by level."""
+    """Search breadth-first: compute the sequence bound of every prefix, one length after the other."""
     return (yield from _by_levels(session, session.judge_sequences, session.judge_sequences))
 
 
 def multi_bound(session: SearchSession) -> Steps[Outcome]:
-    """Search with several bounds: the pose bound prunes, the sequence bound is taken along goal-reaching sequences.
+    """Search with several bounds: prune with the pose bound, and compute the sequence bound of leaves only.
 
-    Pose bounds of short prefixes are taken at once; those of longer ones, which are many, only along the sequences
-    whose turn it is, or where a shorter one has refuted them already.
+    The pose bounds of all short prefixes are computed. There are many longer prefixes, so their pose bounds are
+    computed only as part of the leaves that are judged next; otherwise only the verdicts known already are used.
     """
 
     def judge(nodes: list[Node]) -> Steps[list[Node]]:
+        """Compute the pose bounds of short prefixes; look up those of longer ones."""
         if nodes and nodes[0].depth <= EAGER_LENGTH:
             return (yield from session.judge_poses(nodes))
         return [node for node in nodes if session.tree.check_cached_pose_bound(node)]
@@ -57,12 +59,12 @@ def multi_bound(session: SearchSession) -> Steps[Outcome]:
 def _by_levels(
     session: SearchSession, judge_leaves: Judge, judge_prefixes: Judge
 ) -> Steps[Outcome]:
-    """Search level by level.
+    """Search all sequences of one length after the other.
 
     Args:
-        session: The search under way.
-        judge_leaves: Gives the leaves whose paths are tried.
-        judge_prefixes: Gives the prefixes to go on from.
+        session: The search in progress.
+        judge_leaves: Returns those of some leaves whose paths are tried.
+        judge_prefixes: Returns those of some prefixes that are expanded.
     """
     tree = session.tree
     level = [tree.root]
@@ -86,6 +88,7 @@ def _by_levels(
 
 
 def _batches(nodes: list[Node]) -> list[list[Node]]:
+    """Divide nodes into batches of at most `LEAVES`."""
     return [nodes[first : first + LEAVES] for first in range(0, len(nodes), LEAVES)]
 
 
@@ -93,11 +96,11 @@ BLIND: dict[str, Callable[[SearchSession], Steps[Outcome]]] = {
     "mbts": multi_bound,
     "bfs": breadth_first,
 }
-"""Searches that need no network, by the name that the command line gives them."""
+"""Searches that need no network, by their names on the command line."""
 
 
 class GuidedSearch(Protocol):
-    """A search that takes any network."""
+    """A search that a network guides."""
 
     def __call__(
         self, session: SearchSession, network: SequencePredictor[Images, Encoding]
@@ -110,7 +113,7 @@ GUIDED: dict[str, GuidedSearch] = {
     "dvr": visual_reasoning,
     "classifier": feasibility_classifier,
 }
-"""Searches that a network of the same kind guides."""
+"""Searches that need a network, by name; the network's `kind` must be the same name."""
 
 SEARCHES = (*GUIDED, *BLIND)
 """Names of all searches."""
@@ -123,14 +126,14 @@ def search(
     progress: Progress,
     network: SequencePredictor[Images, Encoding] | None = None,
 ) -> Outcome:
-    """Run a search until it finds something, has seen everything, or the tree's time is over.
+    """Run a search until it finds a solution, has refuted all sequences, or the tree's deadline has passed.
 
     Args:
-        name: Name of the search.
-        tree: Sequences of the scene.
-        accept: Says of a feasible path whether the independent check accepts it.
-        progress: Takes lines that say what is going on.
-        network: Of the search's kind, where it needs one.
+        name: Name of the search, one of `SEARCHES`.
+        tree: Tree of the scene's sequences.
+        accept: Function that returns whether the independent check accepts a feasible path.
+        progress: Function that is called with lines of text about the progress.
+        network: Network of the search's kind; None for a search that needs no network.
     """
     session = SearchSession(tree, accept, progress)
     try:
@@ -142,12 +145,12 @@ def search(
 def steps_of(
     name: str, session: SearchSession, network: SequencePredictor[Images, Encoding] | None = None
 ) -> Steps[Outcome]:
-    """A search by its name, ready to be run.
+    """Return the generator that carries out the search of this name.
 
     Args:
-        name: Name of the search.
-        session: The search under way.
-        network: Of the search's kind, where it needs one.
+        name: Name of the search, one of `SEARCHES`.
+        session: The search in progress.
+        network: Network of the search's kind; None for a search that needs no network.
 
     Raises:
         DvrError: There is no search of this name, or it needs a network.

@@ -1,4 +1,8 @@
-"""One search under way: its clock, its way to take bounds and to try paths, and how it ended."""
+"""A search in progress: it measures times, computes bounds of nodes, tries paths of leaves, and ends with an outcome.
+
+A *leaf* is a node whose sequence reaches the goal. A `Steps[X]` is a generator that yields requests for numerical work
+and returns an X at its end (`dvr_jax.search.work`).
+"""
 
 from __future__ import annotations
 
@@ -17,10 +21,10 @@ from dvr_jax.search.work import Steps
 from dvr_jax.solver.lane_pool import NlpSolution
 
 Accept = Callable[[Node, NlpSolution], bool]
-"""Takes a feasible path and says whether the independent check accepts it."""
+"""Function of a node and a feasible path of it that returns whether the independent check accepts the path."""
 
 Progress = Callable[[str], None]
-"""Takes a line that says what is going on."""
+"""Function that is called with one line of text about the progress of a search."""
 
 
 @dataclass(slots=True)
@@ -28,28 +32,28 @@ class Outcome:
     """How a search ended."""
 
     status: PlanStatus
-    """Whether it found a solution, and if not, why it ended."""
+    """Whether the search found a solution, and if not, why it ended."""
 
     node: Node | None = None
-    """The sequence that was found."""
+    """Node of the sequence that solves the scene; None without a solution."""
 
     path: NlpSolution | None = None
-    """Its path."""
+    """Solution of the sequence's path NLP; None without a solution."""
 
     seconds: dict[str, float] = field(default_factory=dict)
     """Time spent on each bound [s]."""
 
 
 class SearchSession:
-    """Clock and bookkeeping of one search."""
+    """One search over a tree: it computes bounds and tries paths, and measures the time of each stage."""
 
     def __init__(self, tree: SequenceTree, accept: Accept, progress: Progress) -> None:
         """Begin a search.
 
         Args:
-            tree: Sequences of the scene.
-            accept: Says of a feasible path whether the independent check accepts it.
-            progress: Takes lines that say what is going on.
+            tree: Tree of the scene's sequences.
+            accept: Function that returns whether the independent check accepts a feasible path.
+            progress: Function that is called with lines of text about the progress.
         """
         self.tree = tree
         self.accept = accept
@@ -58,7 +62,7 @@ class SearchSession:
 
     @contextmanager
     def timed(self, stage: str) -> Iterator[None]:
-        """Add the time spent inside to that of a stage."""
+        """Return a context manager that adds the time spent inside it to the time of a stage."""
         begin = time.monotonic()
         try:
             yield
@@ -66,23 +70,23 @@ class SearchSession:
             self.seconds[stage] += time.monotonic() - begin
 
     def arrange(self, leaves: list[Node]) -> list[Node]:
-        """Leaves of one length in the order in which they are judged."""
+        """Return leaves of one length in the order in which they are judged; a subclass may override this order."""
         return leaves
 
     def judge_sequences(self, nodes: list[Node]) -> Steps[list[Node]]:
-        """Take the sequence bound of nodes; those that pass."""
+        """Compute the sequence bound of nodes and return the nodes that pass."""
         with self.timed("sequence"):
             yield from self.tree.judge_sequences(nodes)
         return [node for node in nodes if node.feasible]
 
     def judge_poses(self, nodes: list[Node]) -> Steps[list[Node]]:
-        """Take the pose bound of nodes; those that pass."""
+        """Compute the pose bound of nodes and return the nodes that pass."""
         with self.timed("pose"):
             verdicts = yield from self.tree.judge_poses(nodes)
         return [node for node, verdict in zip(nodes, verdicts, strict=True) if verdict]
 
     def judge_prefix_chains(self, leaves: list[Node]) -> Steps[list[Node]]:
-        """Take the sequence bound of leaves, along their prefixes, with a second opinion on what it refutes.
+        """Compute the sequence bound of all prefixes of leaves, the short ones first, and retry the refuted ones once.
 
         Returns:
             The leaves that pass.
@@ -101,7 +105,7 @@ class SearchSession:
         return [leaf for leaf in leaves if leaf.feasible]
 
     def judge_leaves(self, leaves: list[Node]) -> Steps[list[Node]]:
-        """Take the pose and the sequence bound of leaves, along their prefixes.
+        """Compute the pose bound and then the sequence bound of all prefixes of leaves, the short ones first.
 
         Returns:
             The leaves that pass.
@@ -114,7 +118,7 @@ class SearchSession:
         return (yield from self.judge_prefix_chains(leaves))
 
     def try_leaves(self, leaves: list[Node]) -> Steps[Outcome | None]:
-        """Try the paths of feasible leaves, best keyframes first, until one is accepted."""
+        """Try the paths of feasible leaves until one is accepted, those with the least penetrating keyframes first."""
         for node in sorted(leaves, key=_least_violation):
             self.tree.counts.verdicts["path"] += 1
             outcome = yield from self.try_path(node)
@@ -123,7 +127,11 @@ class SearchSession:
         return None
 
     def try_path(self, node: Node) -> Steps[Outcome | None]:
-        """Try the path from each of the leaf's keyframes in turn, and then from further ones, until one is accepted."""
+        """Solve the path NLP from several keyframe solutions of a leaf, one after the other, until a path is accepted.
+
+        The first starts are good candidates of the leaf's beam. If there are fewer than `PATH_STARTS` of them, the
+        keyframe NLP is solved from further candidates.
+        """
         node.solved = False
         node.refuted_by = "path"
         node.violation = math.nan
@@ -138,12 +146,13 @@ class SearchSession:
         return outcome
 
     def _try_path_from(self, node: Node, starts: Sequence[Variables]) -> Steps[Outcome | None]:
+        """Solve the path NLP from each of these keyframes until a path is accepted."""
         for keyframes in starts:
             with self.timed("path"):
                 solution = yield from self.tree.solver.solve_path(node, keyframes)
             self._report_path(node, solution)
             if not solution.feasible:
-                # NaN is no smaller than anything.
+                # `min` returns its first argument if the second is NaN, the initial value of `node.violation`.
                 node.violation = min(solution.relative_violation, node.violation)
                 continue
             node.refuted_by = "check"
@@ -156,7 +165,7 @@ class SearchSession:
         return None
 
     def _report_path(self, node: Node, solution: NlpSolution) -> None:
-        """Say what became of a path."""
+        """Report whether a path is feasible, or else its largest violation."""
         actions = " ".join(map(str, node.actions))
         verdict = "feasible"
         if not solution.feasible:
@@ -165,6 +174,6 @@ class SearchSession:
 
 
 def _least_violation(leaf: Node) -> float:
-    """Least sum of penetrations of a leaf's keyframe candidates [m]."""
+    """Return the least sum of penetration depths among a leaf's keyframe candidates [m]."""
     assert leaf.beam is not None
     return float(leaf.beam.violation.min())

@@ -1,15 +1,17 @@
-"""The tree of action sequences of one scene, and the verdicts of its bounds, computed once and kept.
+"""The tree of action sequences of one scene; the verdicts of its bounds are computed once and stored in its nodes.
 
-Bounds of a node, each a relaxation of the next, so that infeasible under one means infeasible under all that follow
-and for all descendants:
+A bound is a test whose verdict on a node is feasible or infeasible. An infeasible node is *refuted*. There are four
+bounds. Each is a relaxation of the next one, so a node that is infeasible under one bound is infeasible under all later
+bounds, and so are its descendants:
 
-- *symbolic*: the goal can be reached within K_max actions; no action is refuted by a constant of the scene;
-- *pose*: the keyframes of the actions on one object alone (`dvr_jax.search.pose_bound`);
-- *sequence*: the keyframes of the whole prefix;
-- *path*: the whole motion of a sequence that reaches the goal.
+- *symbolic*: the goal can be reached within K_max actions, and no action is refuted by a constant of the scene (for
+  example, by an object that is too wide for the gripper);
+- *pose*: keyframes exist for the actions on one object alone (`dvr_jax.search.pose_bound`);
+- *sequence*: keyframes exist for all actions of the prefix;
+- *path*: a motion exists for the whole sequence, which reaches the goal.
 
-Bounds are generators: they ask for work (`dvr_jax.search.work`) and go on when it is done, so that the trees of many
-scenes can share batches. Only `SequenceTree.retry_refuted` takes a verdict back.
+Bounds are generators: they yield requests for numerical work (`dvr_jax.search.work`) and continue when it is done, so
+that the searches of many scenes can share batches. Only `SequenceTree.retry_refuted` ever revises a verdict.
 """
 
 from __future__ import annotations
@@ -30,7 +32,7 @@ from dvr_jax.solver.augmented_lagrangian import Settings
 
 
 class SequenceTree:
-    """Tree of one scene with its bounds; the searches decide what is computed and in which order."""
+    """Tree of one scene's sequences with their bounds; the searches decide which bounds are computed, and when."""
 
     def __init__(
         self,
@@ -41,13 +43,13 @@ class SequenceTree:
         deadline: float = math.inf,
         operators: Sequence[Operator] = OPERATORS,
     ) -> None:
-        """Begin with only the root.
+        """Create a tree that consists of its root, the empty sequence.
 
         Args:
             scene: A valid scene.
             k_max: Largest number of actions.
-            seed: Of all sampling.
-            settings: Of the solver.
+            seed: Seed of all sampling.
+            settings: Settings of the solver; None for the default ones.
             deadline: Time of `time.monotonic` past which bounds raise `OutOfTime` [s].
             operators: The operators that span the tree.
 
@@ -70,12 +72,12 @@ class SequenceTree:
         self._pose_bound = PoseBound(self.solver, self.root, seed)
 
     def statically_infeasible_actions(self, node: Node) -> list[Action]:
-        """Actions that the logic allows after a prefix and a constant of the scene refutes."""
+        """Return the actions that the logic allows after a prefix but a constant of the scene refutes."""
         allowed = [self.grounding.actions[index] for index in self.grounding.applicable(node.state)]
         return [action for action in allowed if self._refuted[action] is not None]
 
     def refute_by_constants(self, node: Node) -> bool:
-        """Whether a constant of the scene refutes an action on the way to a node; the first such prefix is noted."""
+        """Return whether a constant of the scene refutes a prefix of a node, and refute the shortest such prefix."""
         for depth in range(1, node.depth + 1):
             prefix = node.ancestor(depth)
             if self._refuted[prefix.actions[-1]] is not None:
@@ -84,7 +86,7 @@ class SequenceTree:
         return False
 
     def expand(self, node: Node) -> list[Node]:
-        """Children of a node that pass the symbolic bound, each once."""
+        """Return the children of a node that pass the symbolic bound; they are created in the first call."""
         if node.children is None:
             self.solver.look_at_the_clock()
             allowed = self.grounding.applicable(node.state)
@@ -93,7 +95,7 @@ class SequenceTree:
         return node.children
 
     def _child(self, node: Node, index: int) -> Node | None:
-        """The child of a node by one action; None where the symbolic bound refutes it."""
+        """Create the child of a node by one action; None if the symbolic bound refutes it or it is a duplicate."""
         action = self.grounding.actions[index]
         if is_duplicate(self.scene, action, self.operators):
             return None
@@ -108,7 +110,7 @@ class SequenceTree:
         return Node((*node.actions, action), after, node, self.grounding.is_goal(after))
 
     def judge_sequences(self, nodes: list[Node]) -> Steps[None]:
-        """Take the sequence bound of nodes whose parents have passed it."""
+        """Compute the sequence bound of nodes whose parents have passed it."""
         unjudged = [node for node in nodes if node.feasible is None]
         unproved = yield from self.solver.sample(unjudged, [()] * len(unjudged), self.seed)
         yield from self.solver.solve(unproved, "sequence")
@@ -116,9 +118,10 @@ class SequenceTree:
         self.counts.feasible["sequence"] += sum(bool(node.feasible) for node in unjudged)
 
     def retry_refuted(self, nodes: list[Node]) -> Steps[None]:
-        """Take a second opinion on nodes that the sequence bound has refuted.
+        """Compute the sequence bound once more, with more effort, for nodes that it has refuted.
 
-        Their last actions are sampled anew, and the keyframe NLP is started from every candidate.
+        The beams of the nodes are sampled again with another seed, and the keyframe NLP is started from every
+        candidate.
         """
         refuted = [
             node for node in nodes if node.feasible is False and node.refuted_by == "sequence"
@@ -132,9 +135,9 @@ class SequenceTree:
                 self.counts.feasible["sequence"] += 1
 
     def judge_poses(self, nodes: list[Node]) -> Steps[list[bool]]:
-        """Take the pose bound of nodes; whether each of them passes."""
+        """Compute the pose bound of nodes, and return for each of them whether it passes."""
         return (yield from self._pose_bound.judge(nodes))
 
     def check_cached_pose_bound(self, node: Node) -> bool:
-        """Whether a node may go on, by pose bounds that are known; it is refuted if it may not."""
+        """Return False and refute the node if a pose bound that is known already shows that it is infeasible."""
         return self._pose_bound.check_cached(node)

@@ -1,7 +1,7 @@
-"""Work that searches ask for, and its execution: for one search alone, or for many at once in shared batches.
+"""Requests for numerical work and their execution, for one search alone or for many searches in shared batches.
 
-A search is a generator that yields requests and is sent their results. What it is sent does not depend on who else is
-served with it: lanes of a batch do not know of each other.
+A search is a Python generator that yields requests and is sent their results. The results for one search do not depend
+on the other searches that share a batch with it, because the lanes of a batch are independent.
 """
 
 from __future__ import annotations
@@ -41,16 +41,26 @@ class SolveNlps:
     """Arms of the workcell."""
 
     problems: Sequence[Problem]
+    """The NLPs."""
+
     starts: Sequence[Variables]
+    """A starting point for each NLP."""
+
     settings: Settings
+    """Settings of the solver."""
 
 
 Request = ExtendBeams | SolveNlps
+"""A request for work."""
+
 Reply = list[KeyframeBeam] | list[NlpSolution]
+"""The results of a request."""
 
 T = TypeVar("T")
+"""Type of a computation's result."""
+
 Steps = Generator[Request, Any, T]
-"""A computation that asks for work on its way to a result of type T."""
+"""A computation that yields requests for work, is sent the replies, and returns a result of type T."""
 
 
 def run_alone(steps: Steps[T]) -> T:
@@ -59,11 +69,11 @@ def run_alone(steps: Steps[T]) -> T:
 
 
 def run_together(computations: Iterable[Steps[T]], width: int = 64) -> Iterator[tuple[int, T]]:
-    """Run computations side by side, each request in a batch with the others'.
+    """Run computations concurrently, and execute their requests in shared batches.
 
     Args:
-        computations: The computations. What one of them raises is raised here.
-        width: Most computations under way at a time; the next one begins when one has ended.
+        computations: The computations. An exception of one of them is raised here.
+        width: Largest number of computations that run at a time; the next one begins when one has ended.
 
     Yields:
         Number and result of each computation as it ends.
@@ -75,7 +85,7 @@ def run_together(computations: Iterable[Steps[T]], width: int = 64) -> Iterator[
         pending: dict[int, Request] = {}
         ended: list[tuple[int, T]] = []
 
-        # Computations that end at once make room for others, until all that are under way wait for a reply.
+        # A computation that ends is replaced by a new one, until all running computations wait for a reply.
         while True:
             ended += _send(running, replies, pending)
             fresh = dict(islice(waiting, width - len(running)))
@@ -93,7 +103,7 @@ def run_together(computations: Iterable[Steps[T]], width: int = 64) -> Iterator[
 def _send(
     running: dict[int, Steps[T]], replies: dict[int, Reply | None], pending: dict[int, Request]
 ) -> list[tuple[int, T]]:
-    """Send computations their replies; note what they ask for next, and return those that have ended."""
+    """Send computations their replies, store their next requests in `pending`, and return the results of ended ones."""
     ended = []
     for index, reply in replies.items():
         try:
@@ -105,7 +115,7 @@ def _send(
 
 
 def _execute(requests: dict[int, Request]) -> dict[int, Reply]:
-    """Results of requests, in batches of what fits together."""
+    """Execute requests, those that fit together in one batch, and return their results."""
     batches: dict[Hashable, list[int]] = {}
     for index, request in requests.items():
         batches.setdefault(_batch_key(request), []).append(index)
@@ -119,15 +129,15 @@ def _execute(requests: dict[int, Request]) -> dict[int, Reply]:
 
 
 def _size(request: Request) -> int:
-    """Number of results that a request asks for."""
+    """Return the number of results that a request asks for."""
     return len(request.tasks) if isinstance(request, ExtendBeams) else len(request.problems)
 
 
 def _batch_key(request: Request) -> Hashable:
-    """Equal for requests that one call can serve."""
+    """Return a key that is equal for requests that one batch can serve."""
     if not _size(request):
         return (type(request),)
-    # Arms of equal structure have equal models, but for robots of the same make-up and other dimensions.
+    # Robots of the same structure may have other dimensions, so the identity of the link offsets is part of the key.
     model = request.model.structure, id(request.model.link_offsets)
     if isinstance(request, ExtendBeams):
         first = request.tasks[0]
@@ -140,10 +150,10 @@ def _batch_key(request: Request) -> Hashable:
 
 
 def _execute_batch(requests: list[Request]) -> Reply:
-    """Results of requests that fit together, one after the other."""
+    """Execute requests that fit together, and return their results one after the other."""
     first = requests[0]
     if isinstance(first, ExtendBeams):
-        # How many lanes share a call depends on each request alone, not on its company.
+        # The number of lanes of a call depends on each request alone and not on the other requests of the batch.
         beams = [request for request in requests if isinstance(request, ExtendBeams)]
         tasks = [task for request in beams for task in request.tasks]
         lanes = [count for request in beams for count in lane_counts(request.tasks)]

@@ -1,4 +1,4 @@
-"""Where NLPs start from: keyframes from a beam, paths through keyframes; and the path NLP of such a start."""
+"""Starting points of NLPs: keyframes from a beam, and paths through keyframes; also the path NLP of a start."""
 
 from __future__ import annotations
 
@@ -16,39 +16,43 @@ from dvr_jax.workcell.gripper_motion import shift_gripper
 from dvr_jax.workcell.model import WorkcellModel
 
 NEAR_SWITCH = 0.3
-"""Part of a phase next to a switch in which the path is drawn more strongly to its start."""
+"""Fraction of a phase, before and after a switch, in which the cost pulls the path more strongly to its start."""
 
 NEAR_WEIGHT = 0.3
-"""Weight of that pull near a switch [1/rad^2]."""
+"""Weight of the squared distance from the start near a switch [1/rad^2]."""
 
 FAR_WEIGHT = 1e-2
-"""Weight of that pull elsewhere [1/rad^2]."""
+"""Weight of the squared distance from the start elsewhere [1/rad^2]."""
 
 CLEARANCE = 0.08
-"""How far a gripper's clear pose is from its switch [m]."""
+"""Distance of a gripper's clear pose (shortly before or after a switch) from its pose at the switch [m]."""
 
 STEPS_PER_PHASE = 10
-"""Slices of a path per phase."""
+"""Number of slices of a path in each phase."""
 
 SHIFT_LANES = 16
-"""Postures that are shifted in one call, or a multiple: few sizes are compiled."""
+"""The number of postures that are shifted in one call is a multiple of this, so that few sizes are compiled."""
 
 
 @dataclass(frozen=True, slots=True)
 class _ClearPose:
-    """One posture beside a switch that is wanted."""
+    """A pose that the path passes through shortly before or after a switch, with the gripper away from the object."""
 
     phase: int
+    """Number k of the phase that the switch ends."""
+
     arm: int
+    """Index of the arm."""
+
     is_before: bool
-    """Whether the posture is taken before the switch, or after it."""
+    """True if the pose is passed before the switch, False if after it."""
 
     is_up: bool
-    """Whether the gripper is moved straight up, or back along its approach."""
+    """True if the gripper is shifted straight up, False if it is shifted back along its approach axis."""
 
 
 def keyframe_start(beam: KeyframeBeam, rank: int, phases: int) -> Variables:
-    """A candidate of a beam as a start of the keyframe NLP.
+    """Return a candidate of a beam as a start of the keyframe NLP.
 
     Args:
         beam: Beam of a prefix.
@@ -62,13 +66,16 @@ def keyframe_start(beam: KeyframeBeam, rank: int, phases: int) -> Variables:
 
 
 def initial_path(model: WorkcellModel, problem: Problem, keyframes: Variables) -> Variables:
-    """A path through keyframes, at rest at each; an arm that takes part in a switch comes and goes through a clear
-    pose.
+    """Return a path that interpolates keyframes and is at rest at each of them.
+
+    An arm that takes part in a switch passes through a clear pose shortly before and shortly after it. In each phase
+    the joints interpolate four postures, at 0, 25, 75 and 100 % of a cubic time law: the last switch, the clear pose
+    after it, the clear pose before the next switch, and the next switch.
 
     Args:
         model: Arms of the workcell.
         problem: Keyframe NLP of the sequence.
-        keyframes: A solution of it.
+        keyframes: A solution of the keyframe NLP.
     """
     K = keyframes.q.shape[0]
     home = np.asarray(problem.home)
@@ -76,8 +83,8 @@ def initial_path(model: WorkcellModel, problem: Problem, keyframes: Variables) -
     coming, going = _clear_postures(model, problem, np.asarray(keyframes.q))
     leaving = np.concatenate([before[:1], going[:-1]])
 
-    # At rest at both ends of a phase: time runs as a cubic, and the joints as a monotone curve of it. The last interval
-    # before a switch is one of rest.
+    # The time law s = tau^2 (3 - 2 tau) has zero velocity at both ends of a phase, and the joints are monotone cubic
+    # curves of s. It ends one interval before the switch, because the arms must rest in the last interval.
     tau = np.minimum(np.arange(1, STEPS_PER_PHASE + 1) / (STEPS_PER_PHASE - 1), 1)
     knots = np.stack([before, leaving, coming, keyframes.q])
     curves = PchipInterpolator([0.0, 0.25, 0.75, 1.0], knots, axis=0)
@@ -86,20 +93,23 @@ def initial_path(model: WorkcellModel, problem: Problem, keyframes: Variables) -
 
 
 def path_problem(problem: Problem, start: Variables, samples: int = PATH_SAMPLES) -> Problem:
-    """The path NLP of a sequence from its keyframe NLP.
+    """Return the path NLP of a sequence, given its keyframe NLP and an initial path.
 
-    The path is drawn to its start, and more so close to a switch, for the arms that take part: without it the shortest
-    motion sweeps sideways into a grasp. All arms rest at the end. Distances are taken on the motion through the start.
+    The cost pulls the path to its start, and more strongly close to a switch for the arms that take part in it. Without
+    this term the shortest motion approaches a grasp sideways and sweeps through the object. All arms rest at the end.
+    Distances are evaluated on the interpolated motion through the start.
 
     Args:
         problem: Keyframe NLP.
         start: An initial path.
-        samples: Samples of each interval; with 1 distances are taken at the slices alone.
+        samples: Number of samples in each interval; with 1, distances are evaluated at the slices only.
     """
     T = len(start.q)
     K = number_of_phases(problem)
     S = T // K
     near = round(NEAR_SWITCH * S)
+
+    # Weights of the pull to the start: the slices near switch k, for the joints of the arms that take part in it.
     joints_of_arm = start.q.shape[1] // problem.arm_at_rest.shape[1]
     weight = np.full(start.q.shape, FAR_WEIGHT)
     for k, taking_part in enumerate(problem.arm_at_rest):
@@ -118,13 +128,14 @@ def path_problem(problem: Problem, start: Variables, samples: int = PATH_SAMPLES
 
 
 def _wanted_poses(problem: Problem) -> list[_ClearPose]:
-    """Clear poses beside all switches.
+    """Return the clear poses shortly before and after all switches.
 
-    A gripper that comes to grasp, or has let go, is back along its approach; one that holds something that stands
-    before or after the switch is straight above.
+    A gripper that is about to grasp or has just released an object is shifted back along its approach axis. A gripper
+    that has just lifted an object from a support, or is about to set it down, is shifted straight up.
     """
     wanted: list[_ClearPose] = []
     for k, item in enumerate(problem.switched_object):
+        # Whether a gripper holds the object before the switch, and after it.
         old = int(problem.mode_kind[k, item]) == ModeKind.HELD
         new = int(problem.mode_kind[k + 1, item]) == ModeKind.HELD
         giver = int(problem.mode_parent[k, item])
@@ -142,7 +153,7 @@ def _wanted_poses(problem: Problem) -> list[_ClearPose]:
 def _clear_postures(
     model: WorkcellModel, problem: Problem, q: Float[np.ndarray, "phases joints"]
 ) -> tuple[Float[np.ndarray, "phases joints"], Float[np.ndarray, "phases joints"]]:
-    """Joint angles shortly before and shortly after each switch [rad]."""
+    """Compute the joint angles shortly before and shortly after each switch [rad]; arms without a clear pose stay."""
     K = len(q)
     arms = model.structure.number_of_arms
     coming = np.array(q).reshape(K, arms, -1)

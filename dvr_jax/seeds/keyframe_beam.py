@@ -1,14 +1,22 @@
-"""Starts for the keyframe NLP: a beam of candidates that is extended action by action along the tree of sequences.
+"""The keyframe NLP starts from a beam of candidates, which is extended action by action along the tree of sequences.
 
 The NLP has local minima (which way the elbow points, from which side the gripper comes, where on the table an object
-is put), and one start near the home posture misses most feasible problems. So every prefix of a sequence keeps a
-*beam*: a few candidates, each of them joint angles at each switch and mode parameters that meet all switch constraints
-exactly, by closed-form inverse kinematics, ranked by how deep things penetrate. The beam of a child is sampled from
-its parent's: proposals of mode parameters (`dvr_jax.operators`), inverse kinematics, distances, and the best are kept
-with a handicap for siblings. Sequences with a common prefix share its beam.
+is put), and one start near the home posture misses most feasible problems. Every prefix of a sequence therefore has a
+*beam* of `BEAM_WIDTH` candidates. A candidate consists of joint angles at each switch and of mode parameters of each
+action. It satisfies all switch constraints exactly, by closed-form inverse kinematics, and its *violation* is the sum
+of the penetration depths at its switches and of the distances by which placed objects extend beyond their supports.
+Sequences with a common prefix share its beam.
 
-Candidates propose. One that touches nothing is a feasible point by itself (`CERTIFIED_PENETRATION`); in all other cases
-the NLP decides.
+The beam of a child is computed from its parent's beam in four stages (`extend_beam`):
+
+1. `PROPOSALS` random mode parameters are drawn for each candidate (`dvr_jax.operators.proposal`).
+2. Inverse kinematics gives joint angles for each of these proposals.
+3. Distances are computed for the `EVALUATED` proposals that are best by inverse kinematics.
+4. The `BEAM_WIDTH` proposals of least violation become the child's candidates. Proposals that extend the same candidate
+   are *siblings*, and all but the best of them get a penalty, so that the beam stays diverse.
+
+A candidate without penetration is a feasible point of the NLP by itself (`CERTIFIED_PENETRATION`). In all other cases
+the NLP decides whether the prefix is feasible.
 """
 
 from __future__ import annotations
@@ -49,26 +57,26 @@ from dvr_jax.workcell.kinematics import BasePoses
 from dvr_jax.workcell.model import WorkcellModel
 
 BEAM_WIDTH = 16
-"""Candidates kept for each prefix."""
+"""Number of candidates of each prefix."""
 
 PROPOSALS = 32
-"""Proposals for each candidate."""
+"""Number of proposals drawn for each candidate."""
 
 EVALUATED = 96
-"""Proposals whose distances are computed: the best by inverse kinematics."""
+"""Number of proposals of each prefix whose distances are computed: the best ones by inverse kinematics."""
 
 FREE_ANGLE_SAMPLES = 3
 """Values of each free joint that are tried for each gripper pose."""
 
 HOME_DISTANCE_WEIGHT = 0.01
-"""Cost of the squared distance of a posture from home [1/rad^2]; it ranks postures that reach their pose."""
+"""Weight of the squared joint distance of a posture from home [1/rad^2]; it ranks postures that reach their pose."""
 
 CERTIFIED_PENETRATION = 5e-4
-"""A candidate whose penetrations sum up to at most this proves its prefix's keyframes feasible: it meets all other
-constraints exactly [m]."""
+"""Largest violation of a candidate that proves that its prefix has feasible keyframes [m]; a candidate satisfies all
+constraints other than penetration and overhang exactly."""
 
 UNREACHABLE = 10.0
-"""Stands for the violation of a proposal without inverse kinematics [m]."""
+"""Violation that is assigned to a proposal for which inverse kinematics has no solution [m]."""
 
 
 class KeyframeBeam(NamedTuple):
@@ -84,13 +92,13 @@ class KeyframeBeam(NamedTuple):
     """Arm that holds each object; 0 where none does."""
 
     closing_yaw: Float[Array, "*prefixes objects"]
-    """Yaw of the closing axis where an object is held [rad]."""
+    """Yaw of the closing axis in the frame of a held object [rad]; without meaning for other objects."""
 
     parameters: Float[Array, "*prefixes candidates objects 4"]
-    """Mode parameters that each object is attached by."""
+    """Mode parameters of the action that attached each object; zero for objects that have not moved."""
 
     violation: Float[Array, "*prefixes candidates"]
-    """Sum of penetrations over the prefix's switches [m]."""
+    """Sum of penetration depths and overhangs at all switches [m]; `UNREACHABLE` or more if there are no postures."""
 
     q: Float[Array, "*prefixes candidates switches joints"]
     """Joint angles at the switches so far [rad]."""
@@ -108,22 +116,24 @@ class _BeamCandidates(NamedTuple):
     """The candidate that each extends."""
 
     cost: Float[Array, "prefixes chosen"]
-    """Of inverse kinematics."""
+    """Cost of inverse kinematics, summed over the arms that take part."""
 
     overhang: Float[Array, "prefixes chosen"]
-    """By how much a placed object sticks out [m]."""
+    """By how much a placed object extends beyond its support [m]."""
 
 
 class _Reached(NamedTuple):
-    """Postures of one arm for all proposals."""
+    """Best postures of one arm for all proposals, by inverse kinematics."""
 
     q: Float[Array, "prefixes candidates proposals joints"]
+    """Joint angles of the arm [rad]."""
+
     cost: Float[Array, "prefixes candidates proposals"]
-    """`UNREACHABLE` or more where there is no posture."""
+    """Weighted squared distance from home; `UNREACHABLE` or more if no posture reaches the pose."""
 
 
 def empty_beam(number_of_objects: int, k_max: int, number_of_joints: int) -> KeyframeBeam:
-    """The beam of the empty prefix.
+    """Return the beam of the empty prefix.
 
     Args:
         number_of_objects: Number N of objects of the scene.
@@ -146,19 +156,21 @@ def empty_beam(number_of_objects: int, k_max: int, number_of_joints: int) -> Key
 
 
 def held_beam(problem: Problem, k_max: int, seed: int) -> KeyframeBeam:
-    """The beam of a grasp that may be any within its bounds.
+    """Return the beam of a prefix of one grasp whose mode parameters are random within their bounds.
+
+    The joint angles at the grasp are those of the home posture, since how the object came to be held is not considered.
 
     Args:
         problem: The NLP of a switch alone (`dvr_jax.nlp.transcription.transcribe_switch`).
         k_max: Largest number of actions.
-        seed: Of the sample.
+        seed: Seed of the sample.
     """
     beam = empty_beam(len(problem.prism), k_max, len(problem.home))
     item = problem.switched_object[0]
     largest = np.array(LARGEST_GRASP)
     low, high = np.clip((problem.parameter_lower[0], problem.parameter_upper[0]), -largest, largest)
 
-    # Each parameter's range is divided evenly among the candidates.
+    # The range of each parameter is divided evenly among the candidates, in random order (Latin hypercube sampling).
     generator = np.random.default_rng([seed, BEAM_WIDTH])
     rank = generator.permuted(np.tile(np.arange(BEAM_WIDTH), (PARAMETERS, 1)), axis=1)
     fraction = (rank + generator.random(rank.shape)) / BEAM_WIDTH
@@ -175,8 +187,10 @@ def held_beam(problem: Problem, k_max: int, seed: int) -> KeyframeBeam:
 
 
 def random_shape(model: WorkcellModel) -> tuple[int, int, int]:
-    """Shape of the uniform numbers that one extension takes: for the proposals, then for the free joints of two
-    arms."""
+    """Return the shape (numbers, candidates, proposals) of the uniform random numbers that `extend_beam` takes.
+
+    The first `UNIFORM_NUMBERS` of them are for the mode parameters, the others for the free joints of two arms.
+    """
     free = len(model.structure.inverse_kinematics.free_joints)
     return (UNIFORM_NUMBERS + 2 * FREE_ANGLE_SAMPLES * free, BEAM_WIDTH, PROPOSALS)
 
@@ -194,8 +208,11 @@ def extend_beam(
         model: Arms of the workcell.
         beam: Beams of the prefixes without the action.
         step: The action of each prefix.
-        uniform: Uniform numbers in [0, 1) (`random_shape`).
-        proposal: How the actions are sampled, the same way for all of them.
+        uniform: Uniform random numbers in [0, 1), of the shape `random_shape`.
+        proposal: How the actions are sampled; it is the same for all of them.
+
+    Returns:
+        Beams of the prefixes with the action.
     """
     prefixes = np.arange(len(step.item))
     before = ObjectBefore(
@@ -203,15 +220,19 @@ def extend_beam(
         beam.closing_yaw[prefixes, step.item],
         beam.parameters[prefixes, :, step.item],
     )
+
+    # Stage 1: mode parameters, and the gripper poses that belong to them.
     proposed = proposal.propose(step, before, uniform[:UNIFORM_NUMBERS])
 
-    # The acting arm comes first; in a handover the giving one follows.
+    # Stage 2: joint angles. The acting arm comes first; in a handover the giving arm follows.
     numbers = np.split(uniform[UNIFORM_NUMBERS:], 2)
     arms = (step.acting_arm, step.giving_arm)[: len(proposed.position)]
     reached = [
         _reach(model, step, arm, R, p, u)
         for arm, R, p, u in zip(arms, proposed.rotation, proposed.position, numbers, strict=False)
     ]
+
+    # Stages 3 and 4: distances of the most promising proposals, and the choice of the new candidates.
     candidates = _choose(model, beam, step, proposed, tuple(reached))
     penetration = _penetration(model, beam, step, candidates)
     return _select(beam, step, candidates, penetration)
@@ -221,9 +242,18 @@ def extend_beam(
 def _reach(
     model: WorkcellModel, step: BeamStep, arm: Array, R: Rotation, p: Vector, u: Array
 ) -> _Reached:
-    """Best inverse kinematics of one arm for gripper poses with batch axes (M, B, J).
+    """Compute the best posture of one arm for gripper poses with the batch axes (M, B, J).
 
-    The best lies nearest to the home posture, which keeps clear of joint limits and leaves the elbow up.
+    The axes are M prefixes, B candidates and J proposals. The best posture is the one nearest to the home posture,
+    because this keeps it away from joint limits and leaves the elbow up.
+
+    Args:
+        model: Arms of the workcell.
+        step: The action of each prefix.
+        arm: Index of the arm of each prefix.
+        R: Rotations of the gripper in the world.
+        p: Centers of the gripper in the world [m].
+        u: Uniform random numbers for the free joints.
     """
     kinematics = model.structure.inverse_kinematics
     shape = p.shape[1:]
@@ -237,18 +267,21 @@ def _reach(
     local_p = rotate_back(base_R, p - base_p)
 
     def flat(value: Array) -> Array:
-        """(..., M, B, J) to (..., n M B J)."""
+        """Repeat an array (..., M, B, J) for the n samples of the free angles, and flatten it to (..., n M B J)."""
         leading = value.shape[:-3]
         repeated = jnp.broadcast_to(value[..., None, :, :, :], (*leading, number, *shape))
         return repeated.reshape(*leading, -1)
 
     local_R, local_p = materialize((flat(local_R), flat(local_p)))
+
+    # Inverse kinematics returns every branch (solution) of every lane; `failure` is zero if a branch reaches the pose.
     lanes = number * math.prod(shape)
     q, failure = kinematics.solve(model, local_R, local_p, free.reshape(len(free), lanes))
     q = q.reshape(len(q), kinematics.branches * number, *shape)
     failure = failure.reshape(kinematics.branches * number, *shape)
 
-    # Multiplied before and added in order, lest the compiler round otherwise with another number of lanes.
+    # The squares are computed first and added in a fixed order. Otherwise the compiler may fuse both operations, and
+    # the rounding of a lane would depend on the number of lanes.
     home = of_arm(step.home.reshape(len(step.home), -1, len(q)), arm).T[:, None, :, None, None]
     squares = materialize(tuple((q - home) ** 2))
     distance = sum(squares)
@@ -263,7 +296,7 @@ def _reach(
 def _sample_free_angles(
     model: WorkcellModel, u: Array, shape: tuple[int, ...]
 ) -> Float[Array, "free n *shape"]:
-    """Angles of the free joints: each joint's range is divided evenly among the samples [rad]."""
+    """Draw n angles of each free joint, one in each of n equal parts of the joint's range [rad]."""
     free_joints = model.structure.inverse_kinematics.free_joints
     if not free_joints:
         return jnp.zeros((0, 1, *shape), u.dtype)
@@ -283,9 +316,11 @@ def _choose(
     proposed: ProposedPoses,
     reached: tuple[_Reached, ...],
 ) -> _BeamCandidates:
-    """Proposals whose distances are worth computing: the best by inverse kinematics."""
+    """Choose the proposals whose distances are computed: those of least cost, overhang and violation of the parent."""
     overhang = proposed.overhang
     M, B, J = overhang.shape
+
+    # Ranking before the distances are known.
     cost = reached[0].cost
     for other in reached[1:]:
         cost = cost + other.cost
@@ -293,9 +328,10 @@ def _choose(
     _, chosen = jax.lax.top_k(-total.reshape(M, B * J), EVALUATED)
 
     def gather(value: Array) -> Array:
+        """Return the entries of the chosen proposals: (M, B, J, ...) to (M, E, ...)."""
         return jnp.take_along_axis(value.reshape(M, B * J, -1), chosen[..., None], axis=1)
 
-    # Arms that take no part rest at home or, in every other proposal, tucked away.
+    # Arms that take no part in the action are at home in half of the proposals, and tucked away in the other half.
     arms = model.structure.number_of_arms
     home = step.home.reshape(M, 1, arms, -1)
     tucked = jnp.asarray(model.tucked, home.dtype)
@@ -318,16 +354,17 @@ def _choose(
 def _penetration(
     model: WorkcellModel, beam: KeyframeBeam, step: BeamStep, candidates: _BeamCandidates
 ) -> Float[Array, "prefixes chosen"]:
-    """Sum of penetrations at the switch slice [m]."""
+    """Compute the sum of the penetration depths of each chosen proposal at the action's switch [m]."""
     M, E = candidates.origin.shape
     N = beam.kind.shape[1]
     arms = model.structure.number_of_arms
     parameters = jnp.take_along_axis(beam.parameters, candidates.origin[..., None, None], axis=1)
 
     def each(value: Array) -> Array:
-        """(M, ...) to (..., M E)."""
+        """Repeat the values of each prefix for its E proposals, with the batch axis last: (M, ...) to (..., M E)."""
         return jnp.moveaxis(jnp.repeat(value, E, axis=0), 0, -1)
 
+    # The state before the switch is evaluated: the object is still attached as before the action.
     attached = Attachment(
         kind=each(beam.kind),
         parent=each(beam.parent),
@@ -363,14 +400,18 @@ def _select(
     candidates: _BeamCandidates,
     penetration: Float[Array, "prefixes chosen"],
 ) -> KeyframeBeam:
-    """The best candidates; the k-th best child of one parent waits behind children of others."""
+    """Choose the new candidates: the proposals of least violation plus penalty.
+
+    The penalty of a proposal is `sibling_penalty` times its rank among its siblings, the proposals that extend the same
+    candidate.
+    """
     M, N = beam.kind.shape
     origin = candidates.origin
     is_unreachable = candidates.cost >= UNREACHABLE
     violation = jnp.where(is_unreachable, candidates.cost, penetration + candidates.overhang)
     violation += jnp.take_along_axis(beam.violation, origin, axis=1)
 
-    # Rank among the children of the same parent.
+    # The rank among siblings is the number of siblings that are better.
     is_worse = violation[:, :, None] > violation[:, None, :]
     is_sibling = origin[:, :, None] == origin[:, None, :]
     rank = (is_worse & is_sibling).sum(2)
@@ -378,9 +419,11 @@ def _select(
     origin = jnp.take_along_axis(origin, best, axis=1)
 
     def from_parent(value: Array) -> Array:
+        """Return what each new candidate takes over from the candidate that it extends."""
         index = origin.reshape(M, BEAM_WIDTH, *(1,) * (value.ndim - 2))
         return jnp.take_along_axis(value, index, axis=1)
 
+    # The new action's joint angles and mode parameters are added to those of the extended candidates.
     q = jnp.take_along_axis(candidates.q, best[..., None], axis=1)
     m = jnp.take_along_axis(candidates.m, best[..., None], axis=1)
     is_new = jnp.arange(beam.q.shape[2])[None, None, :, None] == step.depth[:, None, None, None]

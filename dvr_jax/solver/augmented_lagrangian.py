@@ -1,25 +1,34 @@
-"""An augmented-Lagrangian Gauss-Newton method for one lane, whatever the problem: pure functions under `vmap`.
+"""An augmented Lagrangian method with Gauss-Newton steps, which does not depend on the structure of the problem.
 
-With costs r (half their sum of squares), equalities h = 0 and inequalities g <= 0, penalties p and multipliers y, z >=
-0:
+All functions treat a single *lane*, which is one NLP with its point, multipliers and penalty. They are pure, and the
+caller applies `jax.vmap` to solve many lanes together. The method minimizes 1/2 |r|^2 with cost residuals r, subject to
+equalities h = 0 and inequalities g <= 0. With the penalty p and the multipliers y and z >= 0, the augmented Lagrangian
+(Rockafellar 1973; Bertsekas 1982) is
 
-    L(x) = 1/2 |r|^2 + y.h + p/2 |h|^2 + 1/(2 p) sum(max(0, z + p g)^2 - z^2)
+    L(x) = 1/2 |r|^2 + y.h + p/2 |h|^2 + 1/(2 p) sum(max(0, z + p g)^2 - z^2).
 
-(Rockafellar 1973; Bertsekas 1982.) An iteration looks at a trial point. It becomes the lane's point if L fell, else the
-damping grows (`judge_trial`); then a Gauss-Newton step, which keeps J^T J of costs, equalities and active inequalities,
-leads to the next trial point (`next_trial`). When the steps of a subproblem have become small, multipliers are updated
+The minimization of L for constant multipliers and penalty is a *subproblem*. An iteration consists of two functions:
+
+1. `judge_trial` evaluates L at a trial point x + step. If L has not increased, the trial point is accepted and becomes
+   the lane's point x. Otherwise the damping grows.
+2. `next_trial` computes the next step d from the damped Gauss-Newton system (H + damping I) d = -gradient of L. H is
+   the sum of J^T J over the cost residuals and of p J^T J over the equalities and the active inequalities, which are
+   those with z + p g > 0.
+
+A subproblem ends when its steps have become small. The multipliers are then updated,
 
     y <- y + p h,        z <- max(0, z + p g),
 
-and the penalty grows if the violation did not fall enough.
+and the penalty grows if the violation has not decreased enough.
 
-What counts is feasibility. The first subproblem that ends near it is followed by a restoration: some iterations in
-which the costs' gradient is left out and their Hessian is kept, so that the lane goes to the feasible points that the
-costs' metric calls closest (as the restoration phases of filter methods: Fletcher and Leyffer 2002). If it does not
-arrive, the method goes on with costs and multipliers.
+The planner needs a feasible point, not an optimum. The first subproblem that ends close to feasibility is therefore
+followed by a *restoration*: some iterations without the multipliers and the gradient of the costs, but with the Hessian
+of the costs, so that the lane moves to feasible points that are close in the metric of this Hessian. Restoration phases
+of filter methods have the same purpose (Fletcher and Leyffer 2002). If the restoration does not reach a feasible point,
+the method continues with costs and multipliers.
 
-Constraint rows come as a sequence of arrays, one for each kind; ``equalities`` says which kinds are equalities.
-Variables, steps and systems are trees of arrays that only the caller knows.
+Constraint rows are a sequence of arrays, one for each kind of row; ``equalities`` says which kinds are equalities.
+Variables, steps and systems are pytrees of arrays whose structure only the caller knows.
 """
 
 from __future__ import annotations
@@ -37,100 +46,111 @@ from dvr_jax.geometry.vectors import materialize
 
 
 class SolverStatus(IntEnum):
-    """What has become of a lane."""
+    """Whether a lane is still iterated, and if not, why it has ended."""
 
     RUNNING = 0
-    """The lane goes on."""
+    """The lane is still iterated."""
 
     FEASIBLE = 1
-    """All violations are within their tolerances. No other status says so."""
+    """The lane has ended at a point whose violations are all within their tolerances."""
 
     STAGNATED = 2
-    """The violation falls too slowly to arrive within the iteration limit."""
+    """The lane has ended because its violation decreases too slowly to become feasible within the iteration limit."""
 
     ITERATION_LIMIT = 3
-    """The iteration limit is reached."""
+    """The lane has ended because it reached the iteration limit."""
 
     NUMERICAL_FAILURE = 4
-    """The first point already has no finite value."""
+    """The lane has ended because the augmented Lagrangian is not finite at its start."""
 
 
 class RestorationPhase(IntEnum):
-    """Where a lane is with respect to its restoration."""
+    """Whether the restoration of a lane has begun or ended; a lane has at most one restoration."""
 
     BEFORE = 0
+    """The restoration has not begun."""
+
     DURING = 1
+    """The lane is iterated without multipliers and gradient of the costs."""
+
     AFTER = 2
+    """The restoration has ended."""
 
 
 class Settings(NamedTuple):
-    """Settings of the method; numbers, so that changing one needs no new compilation."""
+    """Settings of the method; they are arrays in compiled programs, so that changing one needs no new compilation.
+
+    The violation of a point is its largest violation as a multiple of the tolerance. The size of a step is the largest
+    change of one variable [m or rad].
+    """
 
     penalty: float = 3e3
     """Initial penalty [1/m^2]."""
 
     penalty_growth: float = 5.0
-    """Factor of the penalty where the violation did not fall to `sufficient_decrease` of its last value."""
+    """Factor by which the penalty grows at a multiplier update if the violation has not decreased enough."""
 
     penalty_limit: float = 1e7
     """Largest penalty [1/m^2]."""
 
     sufficient_decrease: float = 0.5
-    """Share of its last value to which the violation has to fall."""
+    """The violation has decreased enough if it is at most this fraction of that at the last multiplier update."""
 
     step_limit: float = 0.5
-    """Largest change of one variable in one iteration; the whole step is scaled."""
+    """Largest size of a step [m or rad]; a longer step is scaled as a whole."""
 
     step_tolerance: float = 1e-2
-    """A subproblem has ended when no variable moved more than this ..."""
+    """A subproblem ends with a step of at most this size [m or rad], if its damping was at most `step_damping`."""
 
     step_damping: float = 1.0
-    """... in a step with at most this damping, since a step that damping has shortened says nothing ..."""
+    """Largest damping of a step that can end a subproblem; with more damping, a step is small without convergence."""
 
     inner_limit: int = 6
-    """... or after so many iterations."""
+    """A subproblem also ends after this number of iterations."""
 
     damping: float = 1e-3
-    """Initial damping, added to the diagonal."""
+    """Initial damping, a number that is added to the diagonal of the Gauss-Newton matrix."""
 
     damping_floor: float = 0.5
-    """Least damping after a refused step, before it grows: below the curvature of the costs it changes nothing."""
+    """Smaller dampings are raised to this number after a refused step, before they grow; damping that is much smaller
+    than the curvature of the costs does not change the step."""
 
     damping_limit: float = 1e4
-    """Damping from which on no step helps any more."""
+    """Largest damping; if it is exceeded, the lane stays at its point and the damping is reset."""
 
     final_step: float = 1e-1
-    """A feasible lane ends when its last accepted step was no longer than this."""
+    """A feasible lane ends if the size of its last accepted step was at most this [m or rad]."""
 
     iteration_limit: int = 40
-    """Most iterations."""
+    """Largest number of iterations."""
 
     restoration_ratio: float = 10.0
-    """The first subproblem that ends outside the tolerances and within this multiple of them is followed by the
-    restoration. A ratio of 0 does without it: for optima rather than feasible points."""
+    """The restoration begins after the first subproblem that ends with a violation between 1 and this number. With the
+    ratio 0 there is no restoration, which is meant for finding optima rather than feasible points."""
 
     restoration_limit: int = 4
-    """Iterations of the restoration, or more until one is accepted."""
+    """The restoration ends with the first accepted step from this number of iterations on."""
 
     patience: int = 5
-    """A lane stagnates after so many multiplier updates in a row without a violation 10 % below the best."""
+    """A lane stagnates after this number of multiplier updates in a row that did not decrease the least violation so
+    far by at least 10 %."""
 
     course_start: int = 10
-    """A lane also stagnates when its least violation lies above a course: from this iteration on ..."""
+    """Iteration from which on a lane also stagnates if its least violation so far lies above a *course*, a bound that
+    decreases exponentially from `course_ratio` at this iteration to 1 at the iteration limit."""
 
     course_ratio: float = 60.0
-    """... the course falls, as a straight line in its logarithm, from this multiple of the tolerance to the tolerance
-    at the iteration limit."""
+    """Value of the course at the iteration `course_start`, as a multiple of the tolerance."""
 
 
 class SolverState(NamedTuple):
-    """One lane of the method."""
+    """The state of one lane between two iterations."""
 
     x: Any
-    """Last accepted point, a tree of arrays."""
+    """Last accepted point, a pytree of arrays."""
 
     step: Any
-    """Step to the trial point."""
+    """Step from `x` to the next trial point, a pytree of the same structure."""
 
     multipliers: tuple[Array, ...]
     """Multipliers y and z of all rows, one array for each kind of row."""
@@ -145,10 +165,10 @@ class SolverState(NamedTuple):
     """Augmented Lagrangian at `x` under the present multipliers and penalty; infinite before the first iteration."""
 
     system: Any
-    """Gauss-Newton system at `x`, likewise."""
+    """Gauss-Newton system of the augmented Lagrangian at `x` under the present multipliers and penalty."""
 
     report: Any
-    """What the caller wants to know of `x`: a tree of arrays."""
+    """Numbers about `x` that the caller wants to keep, a pytree of arrays; here the violation of each measure."""
 
     updated_violation: Float[Array, "*lanes"]
     """Relative violation at the last multiplier update."""
@@ -160,59 +180,70 @@ class SolverState(NamedTuple):
     """Iterations since the last multiplier update."""
 
     updates_without_progress: Int[Array, "*lanes"]
-    """Multiplier updates in a row without progress."""
+    """Number of multiplier updates in a row that did not decrease the least violation by at least 10 %."""
 
     iterations: Int[Array, "*lanes"]
     """Iterations since the start."""
 
     restoration: Int[Array, "*lanes"]
-    """A `RestorationPhase`."""
+    """Phase of the restoration, a `RestorationPhase`."""
 
     status: Int[Array, "*lanes"]
-    """A `SolverStatus`."""
+    """Whether the lane is still iterated, a `SolverStatus`."""
 
 
 class TrialUpdate(NamedTuple):
-    """The verdict on a lane's trial point, and what follows from it for the multipliers."""
+    """Whether a lane's trial point is accepted, and the multipliers and penalty after it."""
 
     accepted: Bool[Array, ""]
-    """True where the trial point becomes the lane's point."""
+    """True if the trial point becomes the lane's point."""
 
     feasible: Bool[Array, ""]
-    """True where the lane has arrived."""
+    """True if the lane ends at the trial point because it is feasible."""
 
     ended: Bool[Array, ""]
-    """True where a subproblem ended and multipliers were updated."""
+    """True if a subproblem has ended and the multipliers were updated."""
 
     relative_violation: Float[Array, ""]
     """Largest violation at the trial point as a multiple of its tolerance."""
 
     multipliers: tuple[Array, ...]
+    """Multipliers after the iteration."""
+
     penalty: Float[Array, ""]
+    """Common penalty after the iteration [1/m^2]."""
+
     value: Float[Array, ""]
-    """At the trial point, under the new multipliers and penalty."""
+    """Augmented Lagrangian at the trial point, under the new multipliers and penalty."""
 
     multiplier_estimate: tuple[Array, ...]
-    """Derivative of the Lagrangian by each row: y + p h, and max(0, z + p g)."""
+    """Derivative of the augmented Lagrangian by each row: y + p h, and max(0, z + p g)."""
 
     active_penalty: tuple[Array, ...]
     """The penalty of each row where it is active, else 0."""
 
     updates_without_progress: Int[Array, ""]
+    """Number of multiplier updates in a row without progress, after the iteration."""
+
     restoration: Int[Array, ""]
+    """Phase of the restoration after the iteration, a `RestorationPhase`."""
 
 
 class LagrangianRows(NamedTuple):
-    """What the constraint rows contribute to the augmented Lagrangian."""
+    """What the constraint rows contribute to the augmented Lagrangian and to its derivatives."""
 
     multiplier_estimate: tuple[Array, ...]
+    """Derivative of the augmented Lagrangian by each row: y + p h, and max(0, z + p g)."""
+
     active_penalty: tuple[Array, ...]
+    """The penalty of each row where it is active, else 0."""
+
     value: Float[Array, ""]
-    """Sum over all rows."""
+    """Sum of the terms of all rows in the augmented Lagrangian."""
 
 
 def trial_point(state: SolverState) -> Any:
-    """The point to be looked at next."""
+    """Return the trial point of a lane, its point plus its step."""
     return jax.tree.map(jnp.add, state.x, state.step)
 
 
@@ -222,7 +253,7 @@ def update_multipliers(
     penalties: Sequence[Array],
     equalities: Sequence[bool],
 ) -> tuple[Array, ...]:
-    """First-order update ``y + p h`` and ``max(0, z + p g)``.
+    """Return the multipliers after the first-order update ``y + p h`` and ``max(0, z + p g)``.
 
     Args:
         multipliers: One array for each kind of row.
@@ -242,7 +273,7 @@ def lagrangian_rows(
     penalties: Sequence[Array],
     equalities: Sequence[bool],
 ) -> LagrangianRows:
-    """Multiplier estimate and active penalty of every row, and what all rows add to the augmented Lagrangian.
+    """Compute multiplier estimate and active penalty of every row, and the rows' sum in the augmented Lagrangian.
 
     Args:
         multipliers: One array for each kind of row.
@@ -267,11 +298,11 @@ def lagrangian_rows(
 
 
 def _sum(value: Array) -> Array:
-    """Sum of all entries, as products with ones: XLA's CPU backend adds up one by one what a product adds up in
-    parallel.
+    """Return the sum of all entries, computed by products with vectors of ones.
 
-    Under `vmap` lanes become rows of one product, which may add up its last rows in another order: a lane's sum
-    depends on its place by a few units of the last digit, a millionth of what `judge_trial` lets pass.
+    XLA's CPU backend computes such a product in parallel, but a plain sum entry by entry. Under `vmap` the lanes become
+    rows of one product, whose last rows may be added in another order. The sum of a lane therefore depends on its place
+    in the batch, by a few units of the last digit; this is a millionth of the increase that `judge_trial` accepts.
     """
     value = materialize(value)
     while value.ndim:
@@ -356,7 +387,7 @@ def judge_trial(
 def _next_phase(
     settings: Settings, state: SolverState, accepted: Array, ended: Array, relative_violation: Array
 ) -> Array:
-    """Phase of the restoration after this iteration."""
+    """Return the phase of the restoration after this iteration."""
     is_near = (relative_violation > 1) & (relative_violation <= settings.restoration_ratio)
     enters = ended & is_near & (state.restoration == RestorationPhase.BEFORE)
     restoring = state.restoration == RestorationPhase.DURING
@@ -366,15 +397,19 @@ def _next_phase(
 
 
 class _Step(NamedTuple):
-    """The next step, and what became of its damping."""
+    """The next step of a lane, and the damping that is used after it."""
 
     step: Any
+    """The step; zero if it was not finite or the damping exceeded its limit."""
+
     damping: Array
+    """Damping after this iteration."""
+
     broken: Array
-    """True where the system was indefinite."""
+    """True if the step was not finite, because the system was indefinite."""
 
     stuck: Array
-    """True where no step helps any more."""
+    """True if the damping exceeded its limit."""
 
 
 def next_trial(
@@ -392,11 +427,14 @@ def next_trial(
         state: The lane.
         update: The verdict on its trial point.
         system: Gauss-Newton system at the trial point; during the restoration without the gradient of the costs.
-        report: What the caller wants to keep of the trial point.
-        solve: Step of a system with a damping, of the structure of `SolverState.x`; NaN where it is indefinite.
+        report: Numbers about the trial point that the caller wants to keep.
+        solve: Function of a system and a damping that returns the step, of the structure of `SolverState.x`; the step
+            is NaN if the damped system is indefinite.
     """
     first = jnp.isinf(state.value)
     turned = update.restoration != state.restoration
+
+    # The trial point and everything that is known of it take the place of the old point, if the point was accepted.
     x, value, system, report = jax.tree.map(
         lambda new, old: jnp.where(update.accepted, new, old),
         (trial_point(state), update.value, system, report),
@@ -407,7 +445,8 @@ def next_trial(
     )
     found = _find_step(settings, system, damping, solve)
 
-    # From an indefinite system any trial point is accepted next; where nothing helps, x stays and multipliers move on.
+    # If the system was indefinite, an infinite value makes the next trial point be accepted whatever its value is. If
+    # the damping exceeded its limit, x stays and the value is kept, so that the multipliers can be updated there.
     value_after = jnp.where(found.broken & ~first & ~found.stuck, jnp.inf, value)
     best = jnp.minimum(update.relative_violation, state.best_violation)
     best = jnp.where(update.accepted, best, state.best_violation)
@@ -436,7 +475,11 @@ def next_trial(
 def _next_damping(
     settings: Settings, state: SolverState, update: TrialUpdate, turned: Array
 ) -> Array:
-    """A quarter after an accepted step, eight times as much after a refused one, anew where the restoration turns."""
+    """Return the next damping: smaller after an accepted step, larger after a refused one.
+
+    An accepted step divides the damping by 4, a refused one multiplies it by 8. It is reset to its initial value when
+    the restoration begins or ends.
+    """
     smaller = jnp.maximum(state.damping / 4, 1e-6)
     larger = jnp.maximum(state.damping, settings.damping_floor) * 8
     return jnp.where(turned, settings.damping, jnp.where(update.accepted, smaller, larger))
@@ -445,7 +488,7 @@ def _next_damping(
 def _find_step(
     settings: Settings, system: Any, damping: Array, solve: Callable[[Any, Array], Any]
 ) -> _Step:
-    """Gauss-Newton step, scaled as a whole so that no variable changes by more than the limit."""
+    """Compute the Gauss-Newton step, scaled as a whole so that no variable changes by more than the limit."""
     step = materialize(solve(system, damping))
     length = _largest(step)
     factor = jnp.minimum(1, settings.step_limit / jnp.maximum(length, 1e-12))
@@ -464,11 +507,12 @@ def _next_status(
     best_violation: Array,
     has_failed: Array,
 ) -> Array:
-    """Status after this iteration; what comes later in this list wins."""
+    """Return the status after this iteration; conditions that are tested later take precedence."""
     iterations = state.iterations + 1
     is_over = iterations >= settings.iteration_limit
     status = jnp.where(is_over, int(SolverStatus.ITERATION_LIMIT), int(SolverStatus.RUNNING))
 
+    # log(course) falls linearly from log(course_ratio) at `course_start` to 0 at the iteration limit.
     span = jnp.maximum(settings.iteration_limit - settings.course_start, 1)
     elapsed = (iterations - settings.course_start) / span
     course = jnp.log(settings.course_ratio) * (1 - elapsed)
@@ -481,10 +525,10 @@ def _next_status(
 
 
 def _zero_if(condition: Array, values: Any) -> Any:
-    """A tree of arrays, or zeros where the condition holds."""
+    """Return a pytree of arrays, or zeros if the condition holds."""
     return jax.tree.map(lambda value: jnp.where(condition, 0, value), values)
 
 
 def _largest(step: Any) -> Array:
-    """Largest change of one variable; NaN if any is."""
+    """Return the largest change of one variable in a step; NaN if any change is NaN."""
     return jnp.stack([jnp.abs(leaf).max() for leaf in jax.tree.leaves(step)]).max()

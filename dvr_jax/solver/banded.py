@@ -1,15 +1,16 @@
-"""Linear solve with the structure of a path: block-banded in time, with a dense border of mode parameters.
+"""Solve linear systems with the structure of a path: block-banded in time, with a dense border of mode parameters.
 
-The matrix is that of `dvr_jax.nlp.system`. Two slices make a block of 2 D, so that each block is coupled with its
-neighbors only, by full matrices. A block Cholesky factorization runs along time under `lax.scan`,
+The matrix is defined in `dvr_jax.nlp.system`. Two consecutive slices form a *pair*, a block of size 2 D, so that each
+block is coupled only with its neighbors. A block Cholesky factorization runs along time under `lax.scan`. With the
+diagonal block own_i of pair i and its coupling ahead_i with the next pair,
 
     L_i L_i^T = own_i - C_{i-1}^T C_{i-1},        C_i = L_i^-1 ahead_i,
 
-and the border is eliminated by its Schur complement. Keyframes have no coupling in time: their slices are factorized
-side by side.
+and the border is eliminated by its Schur complement. Keyframes are not coupled in time, so their slices are factorized
+independently.
 
-Matrices that go to LAPACK are transposed, and its triangular solves are those from the right: LAPACK stores by columns
-what XLA stores by rows, so nothing is rearranged, and OpenBLAS is nearly twice as fast that way round.
+Matrices are passed to LAPACK transposed, and its triangular solves multiply from the right. LAPACK stores matrices by
+columns and XLA by rows, so nothing has to be rearranged, and OpenBLAS is nearly twice as fast in this form.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from dvr_jax.nlp.system import BorderedSystem
 
 
 class _Pair(NamedTuple):
-    """What belongs to two slices."""
+    """The parts of the system that belong to two consecutive slices; M is the number of mode parameters."""
 
     own: Array
     """(2 D, 2 D) their block of the matrix."""
@@ -66,14 +67,14 @@ def _inverse_factor(A: Array) -> Array:
 def solve_bordered(
     system: BorderedSystem, damping: Float[Array, ""]
 ) -> tuple[Float[Array, "slices joints"], Float[Array, " parameters"]]:
-    """Newton step of a system.
+    """Solve a damped Gauss-Newton system for the steps of joint angles and mode parameters.
 
     Args:
         system: The system.
-        damping: Added to the whole diagonal.
+        damping: Number that is added to the whole diagonal.
 
     Returns:
-        Steps of the joint angles and of the mode parameters; NaN where the matrix is indefinite.
+        Steps of the joint angles and of the mode parameters; NaN if the damped matrix is indefinite.
     """
     D = system.gradient_q.shape[1]
     A = system.diagonal + damping * jnp.eye(D, dtype=system.diagonal.dtype)
@@ -86,7 +87,7 @@ def solve_bordered(
 def _solve_uncoupled(
     system: BorderedSystem, A: Array, right: Array, damping: Array
 ) -> tuple[Array, Array]:
-    """Slices that nothing couples in time, side by side."""
+    """Solve a keyframe system, whose slices are not coupled in time."""
     inverse = _inverse_factor(A)
     reduced = inverse @ right
     dm = _solve_corner(system, reduced, damping)
@@ -97,7 +98,7 @@ def _solve_uncoupled(
 def _solve_coupled(
     system: BorderedSystem, A: Array, right: Array, damping: Array, B1: Array, B2: Array
 ) -> tuple[Array, Array]:
-    """Slices of a path, by a forward and a backward sweep over pairs of slices."""
+    """Solve the system of a path by a forward and a backward sweep over pairs of slices."""
     T, D = system.gradient_q.shape
     own, ahead = _pair_blocks(A, B1, B2)
     width = own.shape[-1]
@@ -125,13 +126,13 @@ def _solve_coupled(
 
 
 def _in_pairs(value: Array) -> Array:
-    """(T, D, ...) as (T / 2, 2 D, ...), with zeros after an odd last one."""
+    """Reshape (T, D, ...) to (T / 2, 2 D, ...); an odd number of slices is padded with zeros."""
     padded = jnp.pad(value, [(0, len(value) % 2), *[(0, 0)] * (value.ndim - 1)])
     return padded.reshape(-1, 2 * value.shape[1], *value.shape[2:])
 
 
 def _pair_blocks(A: Array, B1: Array, B2: Array) -> tuple[Array, Array]:
-    """Blocks (T / 2, 2 D, 2 D) of pairs of slices, and of each pair's coupling with the next one."""
+    """Return the blocks (T / 2, 2 D, 2 D) of pairs of slices, and those of each pair's coupling with the next one."""
     T, D = B2.shape
     identity = jnp.eye(D, dtype=A.dtype)
     if T % 2:
@@ -148,7 +149,7 @@ def _pair_blocks(A: Array, B1: Array, B2: Array) -> tuple[Array, Array]:
 
 
 def _solve_corner(system: BorderedSystem, reduced: Array, damping: Array) -> Array:
-    """Step of the mode parameters (M,) from the forward-reduced right-hand sides, rows of M + 1."""
+    """Compute the step of the mode parameters (M,) from the forward-reduced right-hand sides, rows of M + 1."""
     M = system.gradient_m.shape[0]
     flat = reduced.reshape(-1, M + 1)
     product = flat.T @ flat

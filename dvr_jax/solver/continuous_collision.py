@@ -1,9 +1,10 @@
-"""Collisions between the samples of a path.
+"""Samples of a path are moved to where its motion penetrates between them, so that the whole motion avoids collisions.
 
-A motion must be free of collisions at all times, an NLP looks at some of them: a semi-infinite constraint, which an
-exchange method meets (Hettich and Kortanek, Semi-infinite programming, SIAM Review 35, 1993). A path is solved with
-`PATH_SAMPLES` samples an interval; where the motion through its solution penetrates at other times, samples move
-there, and the solver goes on from where it is.
+A motion must be free of collisions at all times, which is a semi-infinite constraint, but an NLP evaluates distances at
+finitely many times. This module implements an exchange method (Hettich and Kortanek, Semi-infinite programming, SIAM
+Review 35, 1993): a path NLP is solved with `PATH_SAMPLES` samples in each interval between two slices. If the motion
+that interpolates its solution penetrates at other times, samples are moved to these times (an *exchange*), and the
+solver continues from its present point.
 """
 
 from __future__ import annotations
@@ -20,27 +21,27 @@ from dvr_jax.solver.iteration import lay_out_chunks, measure_chunk
 from dvr_jax.workcell.model import WorkcellModel
 
 PATH_SAMPLES = 3
-"""Samples in the interval before each slice: one at the slice, one in either half of the interval. With the slices
-alone a finger hops over an object's edge between two of them."""
+"""Number of samples in the interval before each slice: one at the slice, and one in each half of the interval. With
+samples at the slices alone, a finger may pass through an object's edge between two slices."""
 
 SAMPLES_PER_SLICE = 10
-"""Rate at which a motion is looked at, per slice of the path."""
+"""Number R of equal parts into which an interval is divided when the motion is examined, and rate of final motions."""
 
 BETWEEN_TOLERANCE = 2.5e-3
-"""Deepest penetration between samples [m]; the independent check allows 3 mm."""
+"""Deepest penetration that is allowed between samples [m]; the independent check allows 3 mm."""
 
 EXCHANGES = 4
-"""How often samples of one path are moved."""
+"""Largest number of exchanges for one path."""
 
 
 class PenetrationSamples(NamedTuple):
-    """How deep lanes' motions penetrate at R times of each interval."""
+    """Penetration depths of the motions of several lanes at some times in each interval."""
 
     fraction: Float[np.ndarray, "lanes slices times"]
-    """Where in the interval, 0 to 1."""
+    """Position of each time in its interval, from 0 (the previous slice) to 1 (this slice)."""
 
     depth: Float[np.ndarray, "lanes slices times"]
-    """Deepest penetration of anything, negative where all is clear [m]."""
+    """Deepest penetration of any pair of bodies [m]; negative if all bodies are apart."""
 
 
 def place_samples(
@@ -48,12 +49,12 @@ def place_samples(
     q: Float[np.ndarray, "slices joints"],
     fraction: Float[np.ndarray, "slices samples"],
 ) -> Problem:
-    """A path's NLP with its samples on the motion through a point.
+    """Return a path NLP whose samples lie on the motion that interpolates given joint angles.
 
     Args:
         problem: The NLP, without batch axes.
-        q: Joint angles of the point [rad].
-        fraction: Where in each interval the samples are.
+        q: Joint angles at the slices [rad].
+        fraction: Positions of the samples in each interval, from 0 to 1.
     """
     home = np.asarray(problem.home)
     offset = _deviation(home, q, joint_curve(home, q), fraction)
@@ -66,7 +67,17 @@ def _deviation(
     curve: PchipInterpolator,
     fraction: Float[np.ndarray, "slices samples"],
 ) -> Float[np.ndarray, "slices samples joints"]:
-    """By how much the motion through q deviates from a straight line at these fractions of the intervals [rad]."""
+    """Compute by how much the motion through q deviates from linear interpolation at some fractions of the intervals.
+
+    Args:
+        home: Home posture, at which the motion begins [rad].
+        q: Joint angles at the slices [rad].
+        curve: Interpolation of home and q, a function of the slice's number plus one.
+        fraction: Positions in each interval, from 0 to 1.
+
+    Returns:
+        The deviations [rad].
+    """
     times = np.arange(len(q))[:, None] + fraction
     before = np.concatenate([home[None], q[:-1]])[:, None]
     line = before + fraction[..., None] * (q[:, None] - before)
@@ -74,14 +85,14 @@ def _deviation(
 
 
 def even_fractions(slices: int, samples: int = PATH_SAMPLES) -> Float[np.ndarray, "slices samples"]:
-    """Samples that divide each interval evenly.
+    """Return the positions of samples that divide each interval evenly.
 
     Args:
         slices: Number of intervals.
-        samples: Samples of each.
+        samples: Number of samples in each interval.
 
     Raises:
-        ValueError: Whole passes of so many samples do not make up what `sample_penetration` looks at.
+        ValueError: The number of samples does not divide the number of times that `sample_penetration` examines.
     """
     if (SAMPLES_PER_SLICE - 1) % samples:
         raise ValueError(
@@ -91,11 +102,11 @@ def even_fractions(slices: int, samples: int = PATH_SAMPLES) -> Float[np.ndarray
 
 
 def sample_penetration(model: WorkcellModel, problems: Problem, x: Variables) -> PenetrationSamples:
-    """Look for penetrations between the samples of a batch of paths.
+    """Compute penetration depths between the samples of a batch of paths.
 
-    Looked at are the times 1/R, ..., (R - 1)/R of each interval, R = `SAMPLES_PER_SLICE`, and the middles of those
-    gaps between them whose ends are deepest, as many as a slice has samples: a finger can pass an object's edge within
-    one gap.
+    The motion is examined at the fractions 1/R, ..., (R - 1)/R of each interval, with R = `SAMPLES_PER_SLICE`. It is
+    also examined in the middle of those gaps between them whose ends penetrate most, because a finger can pass through
+    an object's edge within one gap. The number of these gaps in each interval is that of the NLP's samples.
 
     Args:
         model: Arms of the workcell.
@@ -109,7 +120,7 @@ def sample_penetration(model: WorkcellModel, problems: Problem, x: Variables) ->
     curves = [joint_curve(*lane) for lane in zip(home, q, strict=True)]
 
     def look(fraction: Float[np.ndarray, "lanes slices samples"]) -> PenetrationSamples:
-        """At as many times as the NLP has samples, so that the solver's compiled programs serve."""
+        """Examine as many times as the NLP has samples, so that the solver's compiled programs can be used."""
         offset = np.stack(
             [_deviation(*lane) for lane in zip(home, q, curves, fraction, strict=True)]
         )
@@ -122,7 +133,7 @@ def sample_penetration(model: WorkcellModel, problems: Problem, x: Variables) ->
 
     passes = [look(np.tile(part, (B, T, 1))) for part in even.reshape(-1, M)]
 
-    # A second look at the gaps whose ends are deepest.
+    # The second examination, in the middle of the gaps whose ends penetrate most.
     depth = np.concatenate([found.depth for found in passes], axis=2)
     ends = np.pad(depth, ((0, 0), (0, 0), (1, 1)), mode="edge")
     deepest = np.argsort(-(ends[..., :-1] + ends[..., 1:]), axis=2, kind="stable")[..., :M]
@@ -139,16 +150,17 @@ def exchange_samples(
     fraction: Float[np.ndarray, "slices times"],
     depth: Float[np.ndarray, "slices times"],
 ) -> Problem:
-    """Move samples to where the motion penetrates.
+    """Return a path NLP whose samples are moved to where the motion penetrates.
 
-    All samples are placed on the motion through `q`; where the motion penetrates too deep within the part of an
-    interval that a sample stands for, the sample moves to the deepest place.
+    All samples are placed on the motion through `q`. The last sample of an interval stays at the slice, and each other
+    sample represents an equal part of the interval. If the motion penetrates by more than `BETWEEN_TOLERANCE` in this
+    part, the sample moves to the deepest penetration.
 
     Args:
         problem: The NLP, without batch axes.
         q: Joint angles of its solution [rad].
-        fraction: Where in each interval the motion was looked at.
-        depth: How deep it penetrates there [m].
+        fraction: Positions in each interval at which the motion was examined, from 0 to 1.
+        depth: Penetration depths there [m].
     """
     moved = np.array(problem.sample_fraction)
     parts = moved.shape[1] - 1  # the last sample stays at the slice

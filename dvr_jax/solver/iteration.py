@@ -1,8 +1,12 @@
-"""One iteration of the augmented-Lagrangian method on many NLPs of the same shape at once, one lane each.
+"""One iteration of the augmented Lagrangian method on a batch of NLPs of the same shape, with one lane for each NLP.
 
-Every lane carries a status; nothing is raised under jit, and a lane that has ended no longer changes. An iteration is
-two compiled programs: `measure_chunk` does the geometry, whose compilation is expensive, for chunks of few sizes, of
-slices of any problem with the same numbers of objects; `step` does the rest and is compiled for each horizon.
+Every lane has a status. A lane that has ended no longer changes, and no exceptions are raised in compiled code. An
+iteration consists of two compiled programs:
+
+- `measure_chunk` computes the geometry. Its compilation is expensive, so the slices of all lanes are concatenated and
+  cut into *chunks* of a few sizes, for which it is compiled. It serves all problems with the same number of objects.
+- `step` does everything else: it judges the trial points, assembles and solves the Gauss-Newton systems, and returns
+  the slices of the next trial points. It is compiled for each combination of numbers of slices, phases and samples.
 """
 
 from __future__ import annotations
@@ -56,37 +60,41 @@ from dvr_jax.workcell.model import WorkcellModel
 
 
 class TrialEvaluation(NamedTuple):
-    """What is known of all lanes' trial points between `evaluate_trials` and `advance`."""
+    """Results of `evaluate_trials` for all lanes' trial points, which `advance` needs."""
 
     update: TrialUpdate
+    """Whether each trial point is accepted, and the multipliers after it."""
+
     jacobians: dict[str, Any]
     """Derivatives of each block's rows, by block name."""
 
     violations: Violations
+    """Largest violation of each measure at each trial point."""
 
 
 class ActiveCollisions(NamedTuple):
-    """Which distances of one chunk of slices are active."""
+    """Multiplier estimates and active penalties of the P distances of each of the L slices of one chunk."""
 
     multiplier_estimate: Array
-    """Derivative of the Lagrangian by each distance (L, P)."""
+    """Derivative of the augmented Lagrangian by each row -distance (L, P)."""
 
     active_penalty: Array
-    """Penalty of each distance where it is active, else 0 (L, P)."""
+    """Penalty of each row where it is active, else 0 (L, P)."""
 
 
 def initial_states(
     model: WorkcellModel, problems: Problem, x: Variables, settings: Settings
 ) -> SolverState:
-    """NumPy lanes of a batch of NLPs before their first iteration.
+    """Return the states of lanes before their first iteration, as NumPy arrays.
 
-    Systems are placeholders: the first trial point is always accepted, and its system takes their place.
+    The systems are placeholders, because the first trial point (the start itself) is always accepted and its system
+    replaces them.
 
     Args:
         model: Arms of the workcell.
         problems: A batch of problems.
-        x: Their starts.
-        settings: Of the method.
+        x: Starting points of the problems.
+        settings: Settings of the method.
     """
     B, T, D = x.q.shape
     dtype = x.q.dtype
@@ -126,14 +134,14 @@ def initial_states(
 
 
 def _chunk_size(slices: int) -> int:
-    """Size of the chunks that so many slices are cut into: a multiple of the smallest, so that few are compiled."""
+    """Return the chunk size for a number of slices: a multiple of the smallest size, so that few are compiled."""
     sizes = batch_sizes()
     pieces = -(-slices // sizes.largest_chunk)
     return sizes.chunk * -(-slices // (pieces * sizes.chunk))
 
 
 def cut_into_chunks(slices: Slices) -> tuple[Slices, ...]:
-    """Cut slices into chunks of one size; the last one is filled up with copies."""
+    """Cut slices into chunks of one size; the last chunk is padded with copies of the last slice."""
     L = slices.q.shape[-1]
     size = _chunk_size(L)
     fill = [(0, -L % size)]
@@ -149,25 +157,30 @@ def cut_into_chunks(slices: Slices) -> tuple[Slices, ...]:
 
 
 measure_chunk = Program(measure)
+"""Compiled program of `dvr_jax.nlp.slices.measure`, which computes the geometry of one chunk of slices."""
 
 
 def _lay_out_chunks(problems: Problem, x: Variables) -> tuple[Slices, ...]:
-    """Slices of a point of all problems, in chunks."""
+    """Return the slices of the points x of all problems, cut into chunks."""
     return cut_into_chunks(lay_out(problems, x))
 
 
 lay_out_chunks = Program(_lay_out_chunks)
+"""Compiled program that returns the slices of the points x of all problems, cut into chunks."""
 
 
 def _identity(tree: Any) -> Any:
+    """Return a pytree unchanged."""
     return tree
 
 
 to_device: Callable[[Any], Any] = Program(_identity)
-"""A tree of NumPy arrays as JAX arrays: a compiled program takes a third of the time of `jax.device_put`."""
+"""Convert a pytree of NumPy arrays to JAX arrays; as a compiled program this takes a third of the time of
+`jax.device_put`."""
 
 
 def _joined(chunks: Sequence[Array], length: int, axis: int) -> Array:
+    """Concatenate chunks along an axis, and remove the padding behind the given length."""
     return jax.lax.slice_in_dim(jnp.concatenate(chunks, axis=axis), 0, length, axis=axis)
 
 
@@ -178,17 +191,17 @@ def evaluate_trials(
     states: SolverState,
     chunks: tuple[SliceGeometry, ...],
 ) -> tuple[TrialEvaluation, tuple[ActiveCollisions, ...]]:
-    """Judge all lanes' trial points.
+    """Evaluate constraints and costs at all lanes' trial points, and judge the trial points.
 
     Args:
         model: Arms of the workcell.
         problems: A batch of problems.
-        settings: Of the method.
-        states: The lanes.
+        settings: Settings of the method.
+        states: States of the lanes.
         chunks: Geometry of the slices of their trial points.
 
     Returns:
-        What is known of the trial points, and the active distances of each chunk.
+        The evaluation of the trial points, and the active distances of each chunk.
     """
     trial = trial_point(states)
     horizon = horizon_of(model, problems, trial)
@@ -203,6 +216,7 @@ def evaluate_trials(
     def judge_lane(
         state: SolverState, cost: Array, rows: FlatResiduals, violation: Array
     ) -> TrialUpdate:
+        """Judge the trial point of one lane."""
         return judge_trial(settings, state, cost, rows, scales, EQUALITIES, violation)
 
     update = jax.vmap(judge_lane)(states, costs, rows, relative_violation(violations))
@@ -211,10 +225,13 @@ def evaluate_trials(
 
 
 def _join_chunks(states: SolverState, chunks: tuple[SliceGeometry, ...]) -> SliceGeometry:
-    """Distances, hands and screws of all slices; the other fields are those of the first chunk and not to be used."""
+    """Concatenate distances, hands and screws of all chunks; the other fields of the result must not be used."""
+    # The first array of the multipliers belongs to the distances (`FlatResiduals.collision`); its axes are lanes,
+    # samples and rows.
     L = states.multipliers[0].shape[0] * states.multipliers[0].shape[1]
 
     def join(pick: Callable[[SliceGeometry], Array], axis: int) -> Array:
+        """Concatenate one field of all chunks."""
         return _joined([pick(chunk) for chunk in chunks], L, axis)
 
     hands = chunks[0].hands._replace(
@@ -229,7 +246,8 @@ def _join_chunks(states: SolverState, chunks: tuple[SliceGeometry, ...]) -> Slic
 
 
 def _cut_collisions(update: TrialUpdate, number: int) -> tuple[ActiveCollisions, ...]:
-    """Multiplier estimates and active penalties of the distances, in as many chunks as the slices."""
+    """Return multiplier estimates and active penalties of the distances, cut into the same chunks as the slices."""
+    # Index 0 stands for the distances (`FlatResiduals.collision`).
     pieces = []
     for value in (update.multiplier_estimate[0], update.active_penalty[0]):
         flat = value.reshape(-1, value.shape[-1])
@@ -246,22 +264,24 @@ def advance(
     chunks: tuple[NormalEquations, ...],
     horizon: Horizon,
 ) -> tuple[SolverState, tuple[Slices, ...]]:
-    """Take a step in every lane that runs.
+    """Assemble and solve the Gauss-Newton system of every running lane, which gives its next trial point.
 
     Args:
         problems: A batch of problems.
-        settings: Of the method.
-        states: The lanes.
-        trials: What is known of their trial points.
-        chunks: Sums of the active distances of each chunk of slices.
+        settings: Settings of the method.
+        states: States of the lanes.
+        trials: Evaluation of their trial points.
+        chunks: Contributions of the active distances of each chunk of slices to the systems.
         horizon: Sizes of the NLPs.
 
     Returns:
-        The lanes, and the slices of their next trial points in chunks.
+        The new states, and the slices of the next trial points, cut into chunks.
     """
+    # The first array of the multipliers belongs to the distances (`FlatResiduals.collision`).
     B, samples = states.multipliers[0].shape[:2]
 
     def by_problem(*leaves: Array) -> Array:
+        """Concatenate chunks of arrays and divide the result by problems: (B, samples, ...)."""
         return _joined(leaves, B * samples, 0).reshape(B, samples, *leaves[0].shape[1:])
 
     distances = jax.tree.map(by_problem, *chunks)
@@ -269,6 +289,7 @@ def advance(
     def advance_lane(
         problem: Problem, state: SolverState, trial: TrialEvaluation, distances: NormalEquations
     ) -> SolverState:
+        """Compute the next state of one lane."""
         update = trial.update
         restoring = update.restoration == RestorationPhase.DURING
         system = gauss_newton_system(
@@ -285,6 +306,7 @@ def advance(
     is_running = states.status == SolverStatus.RUNNING
 
     def choose(new: Array, old: Array) -> Array:
+        """Return the new values of running lanes and the old values of all others."""
         return jnp.where(is_running.reshape(-1, *(1,) * (new.ndim - 1)), new, old)
 
     states = materialize(jax.tree.map(choose, new, states))
@@ -292,6 +314,7 @@ def advance(
 
 
 def _solve(system: BorderedSystem, damping: Array) -> Variables:
+    """Return the step that solves a system with damping on its diagonal."""
     dq, dm = solve_bordered(system, damping)
     return Variables(dq, dm.reshape(-1, PARAMETERS))
 
@@ -304,14 +327,17 @@ def step(
     states: SolverState,
     chunks: tuple[SliceGeometry, ...],
 ) -> tuple[SolverState, tuple[Slices, ...]]:
-    """Do what follows the measuring of all chunks: the rest of an iteration in one program.
+    """Do the part of an iteration that follows the computation of the geometry, in one compiled program.
 
     Args:
         model: Arms of the workcell.
         problems: A batch of problems.
-        settings: Of the method.
-        states: The lanes.
+        settings: Settings of the method.
+        states: States of the lanes.
         chunks: Geometry of the slices of their trial points.
+
+    Returns:
+        The new states, and the slices of the next trial points, cut into chunks.
     """
     trials, active = materialize(evaluate_trials(model, problems, settings, states, chunks))
     reduced = materialize(
@@ -332,14 +358,17 @@ def iterate(
     states: SolverState,
     chunks: tuple[Slices, ...],
 ) -> tuple[SolverState, tuple[Slices, ...]]:
-    """Do one iteration of a batch: compiled programs, called one after the other.
+    """Do one iteration of a batch of NLPs by calling the compiled programs one after the other.
 
     Args:
         model: Arms of the workcell.
         problems: A batch of problems.
-        settings: Of the method.
-        states: The lanes.
+        settings: Settings of the method.
+        states: States of the lanes.
         chunks: Slices of the trial points (`lay_out_chunks`).
+
+    Returns:
+        The new states, and the slices of the next trial points, cut into chunks.
     """
     return step(
         model, problems, settings, states, tuple(measure_chunk(model, chunk) for chunk in chunks)

@@ -1,7 +1,8 @@
-"""Solving lists of NLPs: a pool of lanes that are iterated together and filled again as they end.
+"""A pool of lanes solves a list of NLPs; the lanes are iterated together, and a lane that ends gets the next NLP.
 
-The interface between search (lists of Python objects) and compiled code (stacked arrays). The result for one problem
-does not depend on what else is in the list, but for the last digits of the augmented Lagrangian's value.
+A *lane* is one entry of the solver's batch and holds one NLP at a time. This module is the interface between the
+search, which works on lists of Python objects, and compiled code, which works on stacked arrays. The result of one NLP
+does not depend on the other NLPs in the list, except for the last digits of the augmented Lagrangian's value.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from dvr_jax.solver.iteration import initial_states, iterate, lay_out_chunks, to
 from dvr_jax.workcell.model import WorkcellModel
 
 REFILL_FRACTION = 0.25
-"""Fraction of a pool's lanes that have ended when new problems take their places."""
+"""Ended lanes get new NLPs as soon as they make up this fraction of all lanes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,50 +40,56 @@ class NlpSolution:
     """Result of one NLP."""
 
     feasible: bool
-    """Whether all violations are within their tolerances."""
+    """Whether all violations are within their tolerances (for a path, also between its samples)."""
 
     relative_violation: float
     """Largest violation as a multiple of its tolerance."""
 
     violations: dict[str, float]
-    """Largest violation of each measure [m or rad]."""
+    """Largest violation of each measure of the constraint blocks [m or rad], by the measure's name."""
 
     q: Float[np.ndarray, "slices joints"]
     """Joint angles [rad]."""
 
     m: Float[np.ndarray, "phases 4"]
-    """Mode parameters."""
+    """Mode parameters of each action [m or rad]."""
 
     iterations: int
+    """Number of iterations."""
+
     status: SolverStatus
+    """Why the iterations ended."""
 
 
 class NlpTask(NamedTuple):
-    """One NLP with its start."""
+    """One NLP and the point from which it is solved."""
 
     problem: Problem
+    """The NLP, without batch axes."""
+
     start: Variables
+    """The starting point."""
 
 
 @dataclass(slots=True)
 class _LaneRecord:
-    """What the host knows of one lane."""
+    """Data about one lane that is not part of the solver's state."""
 
     task: int | None
-    """Number of the NLP that the lane solves; None for an idle lane."""
+    """Index of the NLP that the lane solves; None for an idle lane."""
 
     exchanges: int = 0
-    """How often its samples were moved."""
+    """Number of times that samples of the NLP were moved (`dvr_jax.solver.continuous_collision`)."""
 
     earlier_iterations: int = 0
-    """Iterations before the last exchange."""
+    """Number of iterations before the samples were moved for the last time."""
 
     is_cleared: bool = False
-    """Whether the motion between the samples of its solution was looked at and found free of collisions."""
+    """Whether the motion between the samples of the solution was examined and found free of collisions."""
 
 
 def stack(trees: Sequence[Any]) -> Any:
-    """Pytrees of NumPy arrays stacked along a new leading axis."""
+    """Stack pytrees of NumPy arrays along a new leading axis."""
     return jax.tree.map(lambda *leaves: np.stack(leaves), *trees)
 
 
@@ -93,19 +100,22 @@ def solve(
     starts: Sequence[Variables],
     settings: Settings,
 ) -> list[NlpSolution]:
-    """Solve NLPs of one shape from one start each.
+    """Solve NLPs of one shape, each from one start.
 
-    A path whose motion penetrates between its samples goes on with other samples
-    (`dvr_jax.solver.continuous_collision`); of one with samples at its slices alone nothing else is looked at.
+    If the motion of a feasible path penetrates between its samples, samples are moved there and the optimization
+    continues (`dvr_jax.solver.continuous_collision`). Paths whose only samples are their slices are not examined.
 
     Args:
         model: Arms of the workcell that all problems share.
         problems: NLPs with the same numbers of phases, slices, samples, objects and fixed bodies.
-        starts: A start for each.
-        settings: Of the method.
+        starts: A starting point for each NLP.
+        settings: Settings of the method.
+
+    Returns:
+        The solutions, in the order of the problems.
 
     Raises:
-        DvrError: Numbers have 32 bits, in which tolerances and penalties have no room.
+        DvrError: JAX uses 32-bit numbers, which are too imprecise for the tolerances and penalties.
     """
     if not problems:
         return []
@@ -118,8 +128,8 @@ def solve(
 class LanePool:
     """Lanes that solve a list of NLPs of one shape.
 
-    All lanes are iterated together by compiled programs. Lanes that have ended are filled again once `REFILL_FRACTION`
-    of them wait, so that slow ones hold nobody up.
+    All lanes are iterated together by compiled programs. Lanes that have ended get new tasks as soon as they make up
+    the fraction `REFILL_FRACTION` of all lanes, so that slow lanes do not delay the other tasks.
     """
 
     def __init__(self, model: WorkcellModel, tasks: Sequence[NlpTask], settings: Settings) -> None:
@@ -128,8 +138,9 @@ class LanePool:
         Args:
             model: Arms of the workcell.
             tasks: NLPs of one shape with their starts.
-            settings: Of the method.
+            settings: Settings of the method.
         """
+        # The pool has as many lanes as give one call of the compiled programs enough slices.
         T = len(tasks[0].start.q)
         K = len(tasks[0].start.m)
         is_path = T > K
@@ -144,7 +155,7 @@ class LanePool:
             _LaneRecord(self._waiting.pop() if self._waiting else None) for _ in range(number)
         ]
 
-        # Idle lanes hold a copy of the first problem and never run.
+        # Idle lanes hold a copy of the first problem, and their status keeps them from being iterated.
         filled = [tasks[lane.task or 0] for lane in self._lanes]
         self._problems: Problem = stack([task.problem for task in filled])
         self._states = initial_states(
@@ -158,7 +169,7 @@ class LanePool:
         self._chunks = lay_out_chunks(self._on_device, self._states.x)
 
     def run(self) -> list[NlpSolution]:
-        """Iterate until every task has its solution; returns the solutions in the order of the tasks."""
+        """Iterate until every task has a solution, and return the solutions in the order of the tasks."""
         while len(self._solutions) < len(self._tasks):
             self._states, self._chunks = iterate(
                 self._model, self._on_device, self._settings, self._states, self._chunks
@@ -173,7 +184,7 @@ class LanePool:
         return [self._solutions[task] for task in range(len(self._tasks))]
 
     def _ended_lanes(self) -> list[int]:
-        """Lanes that have a task and no longer run."""
+        """Return the indices of lanes that have a task and are no longer iterated."""
         status = np.asarray(self._states.status)
         return [
             index
@@ -182,13 +193,13 @@ class LanePool:
         ]
 
     def _check_motions(self, ended: list[int]) -> list[int]:
-        """Look between the samples of feasible paths, and let those that penetrate there go on with other samples.
+        """Examine feasible paths between their samples, and resume those that penetrate there with moved samples.
 
         Args:
-            ended: Lanes that no longer run.
+            ended: Lanes that are no longer iterated.
 
         Returns:
-            Those of them that have ended for good.
+            Those of them that are not resumed.
         """
         status = np.asarray(self._states.status)
         unchecked = [
@@ -200,7 +211,7 @@ class LanePool:
             return ended
 
         samples = sample_penetration(self._model, self._on_device, self._states.x)
-        # The arrays on the device cannot be written to.
+        # JAX arrays cannot be changed in place, so the states are copied to NumPy arrays.
         self._states = jax.tree.map(np.array, self._states)
         resumed = [index for index in unchecked if self._exchange(index, samples)]
         if resumed:
@@ -212,11 +223,16 @@ class LanePool:
         return [index for index in ended if index not in resumed]
 
     def _exchange(self, index: int, samples: PenetrationSamples) -> bool:
-        """Clear a lane's motion, or move its samples; returns whether the lane goes on.
+        """Move a lane's samples if its motion penetrates too deeply between them.
+
+        After `EXCHANGES` moves the lane ends without a feasible path.
 
         Args:
-            index: The lane.
-            samples: How deep all lanes' motions penetrate.
+            index: Index of the lane.
+            samples: Penetration depths of the motions of all lanes.
+
+        Returns:
+            Whether the lane is iterated again.
         """
         lane = self._lanes[index]
         depth = float(samples.depth[index].max())
@@ -239,7 +255,7 @@ class LanePool:
         return True
 
     def _collect(self, ended: list[int]) -> None:
-        """Keep the solutions of lanes that have ended, and make the lanes idle or give them new tasks."""
+        """Store the solutions of lanes that have ended, and give the lanes new tasks or make them idle."""
         final = jax.tree.map(np.asarray, self._states)
         for index in ended:
             lane = self._lanes[index]
@@ -248,7 +264,7 @@ class LanePool:
             self._lanes[index] = _LaneRecord(self._waiting.pop() if self._waiting else None)
 
     def _refill(self, lanes: list[int]) -> None:
-        """Start the tasks that lanes have just been given."""
+        """Copy the new tasks of lanes into the stacked arrays, and set the lanes to the tasks' starting points."""
         filled = [index for index in lanes if self._lanes[index].task is not None]
         if not filled:
             return
@@ -263,16 +279,17 @@ class LanePool:
 
 
 def _as_array(value: float) -> np.ndarray:
-    """A setting as an array, whole numbers as such."""
+    """Return a setting as an array: floats with 64 bits, integers with 32 bits."""
     return np.asarray(value, float if isinstance(value, float) else np.int32)
 
 
 def _trial_points(states: SolverState) -> Variables:
+    """Return the trial points of all lanes, computed on the host."""
     return jax.tree.map(lambda x, step: np.asarray(x) + np.asarray(step), states.x, states.step)
 
 
 def _restart(states: SolverState, index: int, damping: float) -> None:
-    """Make a lane that has ended start again from its point, with its multipliers and penalty."""
+    """Start a lane that has ended again from its point; it keeps its multipliers and its penalty."""
     for step in states.step:
         step[index] = 0
     for value in (states.value, states.updated_violation, states.best_violation):
@@ -289,13 +306,13 @@ def _restart(states: SolverState, index: int, damping: float) -> None:
 
 
 def _assign(target: Any, lanes: list[int], values: Any) -> None:
-    """Overwrite some lanes of a tree of NumPy arrays."""
+    """Overwrite some lanes of a pytree of NumPy arrays, in place."""
     for leaf, value in zip(jax.tree.leaves(target), jax.tree.leaves(values), strict=True):
         leaf[lanes] = value
 
 
 def _solution(states: SolverState, index: int, earlier_iterations: int) -> NlpSolution:
-    """The result of one lane."""
+    """Return the solution of the NLP that a lane has solved."""
     violations = {name: value[index] for name, value in states.report.items()}
     return NlpSolution(
         feasible=bool(states.status[index] == SolverStatus.FEASIBLE),

@@ -1,4 +1,4 @@
-"""What an action means to the check, as a value of its operator, and the intervals that actions divide a motion into.
+"""The check's own description of each operator, and the intervals into which the actions divide a motion.
 
 Each action changes how one object is attached, at the action's switch. The object's motion up to its next switch is one
 `AttachmentInterval`. What the check requires of every object in every interval follows from the attachment:
@@ -7,7 +7,8 @@ Each action changes how one object is attached, at the action's switch. The obje
 - a held object does not move in the frame of the gripper that holds it, and that hand is not empty;
 - for a moving object only its operator says what is required.
 
-All else is the business of `OperatorCheck.check`. Nothing here is shared with the planner's operators.
+Everything else is checked by `OperatorCheck.check`. Nothing here is shared with the planner's operators: in particular,
+`Attachment` and `Parameter` are other classes than those of `dvr_jax.modes` and `dvr_jax.operators`.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from dvr_jax.scene.types import Scene
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """The object does not move."""
+    """The object does not move in the world."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +45,7 @@ class Moving:
 
 
 Attachment = Standing | Held | Moving
-"""What an object does not move relative to."""
+"""How an object is attached: to the world, to a gripper, or to nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,9 +122,10 @@ def in_place(motion: ReplayedMotion, interval: AttachmentInterval) -> Bool[np.nd
 
 @dataclass(frozen=True)
 class OperatorCheck:
-    """An operator, as the check understands it.
+    """The check's description of an operator.
 
-    A further operator is one such value, given to `dvr_jax.checker.check_motion` beside `CHECKS`.
+    To check plans with a further operator, pass such an object together with `CHECKS` to
+    `dvr_jax.checker.check_motion`.
     """
 
     name: str
@@ -134,16 +136,16 @@ class OperatorCheck:
     the switch, and the object is the one whose attachment changes."""
 
     refusal: Callable[[Arguments, Mapping[str, str]], str]
-    """Why an action does not apply, in one sentence; "" where it applies. The second argument names the held object of
-    each arm whose hand is not empty."""
+    """Function that returns why an action does not apply, in one sentence, or "" if it applies. Its second argument
+    maps the name of each arm that holds an object to the name of this object."""
 
     attachment: Callable[[Scene, Arguments], Attachment]
-    """How the object is attached from the switch on."""
+    """Function that returns how the object is attached after the switch."""
 
     check: Callable[[ReplayedMotion, Timeline, AttachmentInterval, FindingLog], None]
-    """Adds to the log whatever is wrong at the switch, and over the interval that the action opens, beyond what the
-    attachment requires of every object."""
+    """Function that logs everything that is wrong at the switch and during the interval that begins with it, in
+    addition to what the attachment requires of every object."""
 
     secured: Callable[[ReplayedMotion, AttachmentInterval], Bool[np.ndarray, " samples"]] = in_place
-    """At which samples this action's side of the interval is ready, so that an arm that held the object until the
-    switch may already open its fingers."""
+    """Function that returns at which samples the object is already secured for the interval that begins with this
+    action, so that an arm that held the object until the switch may open its fingers."""

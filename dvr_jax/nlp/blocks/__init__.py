@@ -1,4 +1,4 @@
-"""The blocks of constraints, one file each; the tuple `CONSTRAINT_BLOCKS` is the NLP."""
+"""The constraints of the NLP in blocks, one file for each block; the tuple `CONSTRAINT_BLOCKS` contains all of them."""
 
 from dvr_jax.nlp.blocks.block import (
     ConstraintBlock,
@@ -24,7 +24,7 @@ CONSTRAINT_BLOCKS: tuple[ConstraintBlock, ...] = (
     PARAMETER_BOUND,
     FOOTPRINT,
 )
-"""All constraints of a skeleton, in the order in which their rows are kept."""
+"""All constraint blocks, in the order in which their rows are stored."""
 
 __all__ = [
     "COLLISION",

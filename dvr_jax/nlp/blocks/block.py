@@ -1,12 +1,19 @@
-"""What a block of constraints is, and the records that blocks work on.
+"""A constraint block is a set of scalar constraints of one kind; this module also defines the records that blocks use.
 
-A block is a set of constraint rows of one kind: a value that holds the rows' shape, their values and derivatives, their
-scale, their tolerances, and what they add to the Gauss-Newton system. The NLP is one tuple of blocks
-(`dvr_jax.nlp.blocks.CONSTRAINT_BLOCKS`). Sign conventions: an equality is h = 0, an inequality g <= 0.
+A *row* is one scalar constraint. A `ConstraintBlock` defines the shape, the values and the derivatives of its rows,
+their penalties and tolerances, and what they add to the Gauss-Newton system. The constraints of the NLP are one tuple
+of blocks (`dvr_jax.nlp.blocks.CONSTRAINT_BLOCKS`). By convention, an equality is h = 0 and an inequality is g <= 0.
 
-The augmented Lagrangian gives each row a multiplier estimate y (its derivative of the Lagrangian) and an active
-penalty p (its penalty where the row counts, else 0). A block with Jacobian J adds ``J^T y`` to the gradient and ``J^T
-diag(p) J`` to the Gauss-Newton matrix.
+For the row with the value c, multiplier y and penalty p, the solver (`dvr_jax.solver.augmented_lagrangian`) gives a
+block two numbers:
+
+- the *multiplier estimate*, the derivative of the augmented Lagrangian by the row: ``y + p c`` for an equality and
+  ``max(0, y + p c)`` for an inequality;
+- the *active penalty*: p if the row is active, else 0. Equalities are always active, inequalities if their multiplier
+  estimate is positive.
+
+A block with the Jacobian J, the vector e of multiplier estimates and the vector a of active penalties adds ``J^T e`` to
+the gradient and ``J^T diag(a) J`` to the Gauss-Newton matrix.
 """
 
 from __future__ import annotations
@@ -26,10 +33,13 @@ from dvr_jax.nlp.system import SystemParts
 
 
 class ConstraintKind(Enum):
-    """Whether the rows of a block are equalities."""
+    """Whether the rows of a block are equalities or inequalities."""
 
     EQUALITY = "equality"
+    """The rows are h = 0."""
+
     INEQUALITY = "inequality"
+    """The rows are g <= 0."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,53 +47,53 @@ class Horizon:
     """The sizes of one NLP."""
 
     slices: int
-    """Number T."""
+    """Number T of slices."""
 
     phases: int
-    """Number K."""
+    """Number K of phases, which is the number of actions."""
 
     samples: int
-    """Number M of samples of a slice."""
+    """Number M of samples in the interval before each slice."""
 
     joints: int
-    """Number D of joints of all arms."""
+    """Number D of joints of all arms together."""
 
     collision_rows: int
-    """Number P of distances of a sample."""
+    """Number P of distances at each sample."""
 
     @property
     def is_path(self) -> bool:
-        """Whether there are slices between the switches."""
+        """Whether the NLP is a path NLP: there are slices between the switches."""
         return self.slices > self.phases
 
     @property
     def steps(self) -> int:
-        """Number S of slices of a phase."""
+        """Number S of slices in each phase."""
         return self.slices // self.phases
 
 
 class SwitchGeometry(NamedTuple):
-    """Geometry of the switch slices of a batch of B problems; the last axis counts B K switches, problem by problem."""
+    """Geometry at the switches of a batch of B problems; the last axis has B K switches, problem after problem."""
 
     hands: HandPoses
-    """Poses of the grippers, batch axes (A, B K)."""
+    """Poses of the grippers, with the batch axes (A, B K)."""
 
     screws: Float[Array, "6 joints switches"]
-    """World twists of all joints."""
+    """World twist of each joint at unit velocity: angular velocity, then velocity of the point at the origin."""
 
 
 class Evaluation(NamedTuple):
-    """Rows of one block of a batch of B problems."""
+    """Rows of one block for a batch of B problems, with their derivatives and violations."""
 
     rows: Float[Array, "batch *shape"]
-    """Values of the rows."""
+    """Values of the rows, h or g."""
 
     jacobian: Any
-    """Derivatives of the rows, in the block's own structure; every leaf has a leading axis B. None where the block
-    needs none."""
+    """Derivatives of the rows, in any structure that the block's `add_to_system` reads. Every array has a leading axis
+    B. It is None if `add_to_system` needs none."""
 
     violation: tuple[Float[Array, " batch"], ...]
-    """Largest violation of each of the block's measures, zero or positive."""
+    """Largest violation of each of the block's `measures`, in their order; zero or positive."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,51 +104,62 @@ class Measure:
     """Name in results, as in "penetration"."""
 
     unit: str
-    """Unit of the violation."""
+    """Unit of the violation, as in "m"."""
 
     tolerance: float
-    """Largest violation of a feasible point."""
+    """Largest violation that a feasible point may have."""
 
 
 class EvaluationInput(NamedTuple):
-    """What a block's rows are computed from, for a batch of B problems."""
+    """Everything that the rows of a block are computed from, for a batch of B problems."""
 
     problems: Problem
+    """The problems, with a leading axis B."""
+
     x: Variables
+    """The point at which the rows are evaluated, with a leading axis B."""
+
     distance: Float[Array, "batch samples rows"]
-    """Signed distances of every sample [m]."""
+    """Signed distances at all T M samples of each problem, with P rows for each sample [m]."""
 
     switches: SwitchGeometry
+    """Poses of the grippers and twists of the joints at the switches."""
+
     joint_limits: Float[Array, "2 joints"]
     """Lower and upper limits of all joints [rad]."""
 
 
 Evaluate = Callable[[EvaluationInput], Evaluation]
+"""Function that evaluates all rows of a block."""
+
 AddToSystem = Callable[[SystemParts, Problem, Variables, Any, Array, Array], SystemParts]
+"""Function that adds the rows of a block to a Gauss-Newton system; see `ConstraintBlock.add_to_system`."""
 
 
 @dataclass(frozen=True)
 class ConstraintBlock:
-    """A set of constraint rows of one kind."""
+    """A set of scalar constraints of one kind: their shape, values, derivatives, penalties and tolerances."""
 
     name: str
-    """Unique among the blocks."""
+    """Name of the block, unique among the blocks."""
 
     kind: ConstraintKind
+    """Whether the rows are equalities or inequalities."""
 
     measures: tuple[Measure, ...]
-    """What the violation is measured by."""
+    """The quantities by which violations are measured, each with its unit and tolerance."""
 
     shape: Callable[[Horizon], tuple[int, ...]]
-    """Shape of the rows of one problem."""
+    """Function that returns the shape of the rows of one problem."""
 
     scale: Callable[[Horizon], Float[np.ndarray, "*shape"] | float]
-    """Penalty of each row relative to the solver's common one, which brings meters and radians to a common scale; an
-    array of the rows' shape, or one number."""
+    """Function that returns the factor by which the penalty of each row differs from the solver's common penalty: an
+    array of the rows' shape, or one number. The factors bring meters and radians to a common scale."""
 
     evaluate: Evaluate
-    """Values, derivatives and violations of all rows of a batch."""
+    """Function that returns values, derivatives and violations of all rows of a batch of problems."""
 
     add_to_system: AddToSystem
-    """Called as ``add_to_system(parts, problem, x, jacobian, multiplier_estimate, active_penalty)`` for one problem (no
-    batch axes); returns the system with the block's part added."""
+    """Function that returns the Gauss-Newton system with the rows of one problem (without batch axes) added to it.
+    It is called as ``add_to_system(parts, problem, x, jacobian, multiplier_estimate, active_penalty)``; `jacobian` is
+    that of the problem's `Evaluation`, and the last two arrays have the shape of the rows."""

@@ -1,9 +1,11 @@
-"""Collision: at every sample of the motion all bodies that can touch are apart.
+"""The collision block requires that all pairs of bodies that can touch are apart at every sample of the motion.
 
-Rows ``g = -distance``, one for each sample and each pair of bodies (`dvr_jax.nlp.collision_rows`). Their Jacobian is
-never written down: the active rows of each sample are summed up beforehand (`dvr_jax.nlp.slices.reduce_slices`), and
-what is added here are these sums. A sample between two slices, at the fraction s of the interval, depends on both: on
-slice t by the factor s, on slice t - 1 by 1 - s.
+It has one row ``g = -distance`` [m] for each of the T M samples (T slices, M samples in the interval before each) and
+each of the P pairs of bodies (`dvr_jax.nlp.collision_rows`). The Jacobian of all rows is never stored. Instead,
+`dvr_jax.nlp.slices.reduce_slices` sums ``J^T e`` and ``J^T diag(a) J`` over the active rows of each sample
+(`dvr_jax.nlp.blocks.block`), and this block adds the sums to the system. A sample at the fraction s of the interval
+before slice t has the joint angles ``(1 - s) q_{t-1} + s q_t`` plus a constant, so its derivative by q_t has the factor
+s and its derivative by q_{t-1} the factor 1 - s.
 """
 
 from __future__ import annotations
@@ -25,7 +27,7 @@ from dvr_jax.nlp.slices import NormalEquations
 from dvr_jax.nlp.system import SystemParts
 
 PENETRATION_TOLERANCE = 1e-3
-"""Deepest penetration of a feasible point [m]."""
+"""Deepest penetration that a feasible point may have [m]."""
 
 SCALE = 1.0
 """Penalty of a row relative to the common one."""
@@ -40,12 +42,13 @@ def _scale(horizon: Horizon) -> float:
 
 
 def _evaluate(given: EvaluationInput) -> Evaluation:
+    """Evaluate the rows; their Jacobian is None, because `reduce_slices` computes the sums from the geometry."""
     deepest = jnp.maximum(-given.distance.min(axis=(1, 2)), 0)
     return Evaluation(-given.distance, None, (deepest,))
 
 
 def _sum_over_samples(weights: Array, value: Array) -> Array:
-    """Weighted sum of the M samples of each slice; weights (T, M), values (T M, ...)."""
+    """Return the weighted sum over the M samples of each slice; weights (T, M), values (T M, ...)."""
     T, M = weights.shape
     samples = value.reshape(T, M, *value.shape[1:])
     weights = weights.reshape(T, M, *(1,) * (value.ndim - 1))
@@ -53,7 +56,7 @@ def _sum_over_samples(weights: Array, value: Array) -> Array:
 
 
 def _from_next(value: Array) -> Array:
-    """Values of slice t + 1 at slice t; what falls on the home posture before the first slice is dropped."""
+    """Return the values of slice t + 1 at slice t; those of slice 0 are dropped, as home is no variable."""
     return jnp.concatenate([value[1:], jnp.zeros_like(value[:1])])
 
 
@@ -86,7 +89,10 @@ def _add_to_system(
     multiplier_estimate: Array,
     active_penalty: Array,
 ) -> SystemParts:
-    """Distribute the sums of the samples over slices and mode parameters; `jacobian` holds these sums."""
+    """Add the sums of all samples to the blocks of the system; `jacobian` contains these sums.
+
+    Their C = D + 4 N columns are the D joints, then parameter after parameter of the N objects.
+    """
     T, D = x.q.shape
     K = len(x.m)
     N = problem.prism.shape[0]
@@ -99,10 +105,11 @@ def _add_to_system(
     belongs = jnp.asarray(problem.mode_action[:-1, :, None] == jnp.arange(K), matrix.dtype)
 
     def to_actions(value: Array) -> Array:
-        """Columns of the objects' parameters (T, D, 4 N) to those of the actions (T, D, 4 K)."""
+        """Map columns of the objects' parameters (T, D, 4 N) to columns of the actions' parameters (T, D, 4 K)."""
         local = value.reshape(K, T // K, -1, PARAMETERS, N)
         return jnp.einsum("ksicn,knl->ksilc", local, belongs).reshape(T, -1, K * PARAMETERS)
 
+    # Joint angles: a sample contributes s^2 to block A_t, (1 - s)^2 to A_{t-1}, and s (1 - s) to the coupling B1_t.
     of_joints = matrix[:, :D, :D]
     of_both = matrix[:, :D, D:]
     blocks = _sum_over_samples(fraction**2, of_joints)
@@ -136,4 +143,4 @@ COLLISION = ConstraintBlock(
     evaluate=_evaluate,
     add_to_system=_add_to_system,
 )
-"""Bodies that can touch stay apart."""
+"""The block that keeps bodies that can touch apart."""

@@ -1,12 +1,13 @@
-"""Footprint: what an action puts down lies within the rectangle of its support.
+"""The footprint block requires that an object that an action places lies within the rectangle of its support.
 
-Four rows for each action, in the support's own frame: by how much the object's footprint sticks out at the sides +x,
-+y, -x and -y [m]. A prism (hx, hy, hz, r) that is turned by ``a`` against the support reaches
+It has four rows g for each action, in the support's own frame: the distances by which the object's footprint extends
+beyond the sides +x, +y, -x and -y of the support [m]. A prism (hx, hy, hz, r) that is turned by the angle ``a`` with
+respect to the support extends by
 
     e_x = |cos a| hx + |sin a| hy + r,        e_y = |sin a| hx + |cos a| hy + r
 
-from its center, so that the rows at +x and -x are ``+-d_x + e_x - s_x`` for the center's offset d and the support's
-half extents s. The rows of an action that puts nothing down are -1.
+from its center. With the center's offset d and the support's half extents s, the rows at +x and -x are
+``d_x + e_x - s_x`` and ``-d_x + e_x - s_x``. For an action that places nothing, the rows are the constant -1.
 """
 
 from __future__ import annotations
@@ -28,12 +29,13 @@ from dvr_jax.nlp.problem import Problem, Variables
 from dvr_jax.nlp.system import SystemParts
 
 FOOTPRINT_TOLERANCE = 1e-3
-"""Largest overhang of a footprint over its support [m]."""
+"""Largest distance by which the footprint of a feasible point may extend beyond its support [m]."""
 
 SCALE = 1.0
 """Penalty of a row relative to the common one."""
 
 SIDES = 4
+"""Number of sides of a support."""
 
 
 def _shape(horizon: Horizon) -> tuple[int, ...]:
@@ -45,6 +47,7 @@ def _scale(horizon: Horizon) -> float:
 
 
 def _evaluate(given: EvaluationInput) -> Evaluation:
+    """Evaluate the rows, and their Jacobian by the mode parameters of the same action (B, K, 4, 4)."""
     problems = given.problems
     rows, jacobian = _overhang(problems, given.x.m)
     is_placed = problems.on_support[..., None] > 0
@@ -56,7 +59,7 @@ def _evaluate(given: EvaluationInput) -> Evaluation:
 def _overhang(
     problems: Problem, m: Array
 ) -> tuple[Float[Array, "batch phases 4"], Float[Array, "batch phases 4 parameters"]]:
-    """Overhang of every switched object over its support [m], and its derivatives by the mode parameters."""
+    """Compute the overhang of every switched object at four sides [m], and its derivatives by the mode parameters."""
     prism = jnp.take_along_axis(problems.prism, problems.switched_object[..., None], axis=1)
     support = problems.support
 
@@ -67,7 +70,7 @@ def _overhang(
     dy = m[..., 1] - support[..., 1]
     offset = jnp.stack([c * dx + s * dy, c * dy - s * dx], axis=-1)
 
-    # How far the footprint reaches from its center, and how that changes with the yaw: |cos|' = -sin sign(cos), and
+    # The extent e of the footprint, and its derivative by the yaw, with |cos|' = -sin sign(cos) and
     # |sin|' = cos sign(sin).
     turn = m[..., 2] - support[..., 2]
     cosine = jnp.cos(turn)
@@ -81,6 +84,7 @@ def _overhang(
     rise = cosine * jnp.sign(sine)
     widening = jnp.stack([fall * hx + rise * hy, rise * hx + fall * hy], axis=-1)
 
+    # The sides are in the order +x, +y, -x, -y, and the columns are x, y, yaw and the unused fourth parameter.
     rows = jnp.concatenate([offset + extent, extent - offset], axis=-1) - jnp.tile(
         support[..., 3:], 2
     )
@@ -104,6 +108,7 @@ def _add_to_system(
     multiplier_estimate: Array,
     active_penalty: Array,
 ) -> SystemParts:
+    """Add the rows to the corner of the system: every action has its own 4 x 4 block on the diagonal."""
     K = len(x.m)
     own = jnp.einsum("kri,krj,kr->kij", jacobian, jacobian, active_penalty)
     corner = jnp.einsum("kij,kl->kilj", own, jnp.eye(K, dtype=own.dtype)).reshape(
@@ -125,4 +130,4 @@ FOOTPRINT = ConstraintBlock(
     evaluate=_evaluate,
     add_to_system=_add_to_system,
 )
-"""Footprints lie within their supports."""
+"""The block that keeps footprints within their supports."""

@@ -1,6 +1,6 @@
-"""Joint limits: in every slice every joint is within its range.
+"""The joint limit block requires that every joint is within its range at every slice.
 
-Rows ``g = (lower - q, q - upper)`` for each slice and joint.
+It has the rows ``g = (lower - q, q - upper)`` [rad] for each slice and joint; their derivatives by q are -1 and 1.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from dvr_jax.nlp.problem import Problem, Variables
 from dvr_jax.nlp.system import SystemParts
 
 LIMIT_TOLERANCE = 1e-3
-"""Largest excess over a joint limit [rad]."""
+"""Largest excess over a joint limit that a feasible point may have [rad]."""
 
 SCALE = 0.1
 """Penalty of a row relative to the common one."""
@@ -35,6 +35,7 @@ def _scale(horizon: Horizon) -> float:
 
 
 def _evaluate(given: EvaluationInput) -> Evaluation:
+    """Evaluate the rows; their derivatives are constant."""
     q = given.x.q
     lower, upper = jnp.asarray(given.joint_limits, q.dtype)
     rows = jnp.stack([lower - q, q - upper], axis=1)
@@ -49,6 +50,7 @@ def _add_to_system(
     multiplier_estimate: Array,
     active_penalty: Array,
 ) -> SystemParts:
+    """Add the rows to the diagonals of the blocks A_t; index 0 is the lower limit, index 1 the upper one."""
     return parts._replace(
         joint_diagonal=parts.joint_diagonal + active_penalty[0] + active_penalty[1],
         gradient_q=parts.gradient_q + multiplier_estimate[1] - multiplier_estimate[0],
@@ -64,4 +66,4 @@ JOINT_LIMIT = ConstraintBlock(
     evaluate=_evaluate,
     add_to_system=_add_to_system,
 )
-"""Joints stay within their ranges."""
+"""The block that keeps joints within their ranges."""

@@ -1,11 +1,15 @@
-r"""Mode switch: at a switch the object has the same pose under its old mode as under its new one.
+r"""The mode switch block requires that an object has the same pose under its old mode as under its new one at a switch.
 
-Six rows for each action, at the last slice of its phase: position under the old mode minus that under the new one [m],
-and twice the vector part of the quaternion of ``R_old R_new^T`` (the rotation vector [rad] to third order). With
-twists V_old, V_new of the object's two poses, V = (omega, v), a point p of each pose moves by ``v + omega x p``, and
-the quaternion (w, v) of the difference turns by
+It has six rows h for each action, at the last slice of its phase:
 
-    d(2 v) = w (omega_old - omega_new) + (omega_old + omega_new) x v.
+- the position of the object under the old mode minus its position under the new mode [m];
+- ``2 e``, where (w, e) is the quaternion of the rotation ``R_old R_new^T``, w its scalar and e its vector part. For
+  small differences this is the rotation vector [rad], with an error of third order.
+
+Let (omega, v) be the twist of a pose: its angular velocity, and the velocity of the point at the world's origin. The
+position p of the object then moves with ``v + omega x p``, and
+
+    d(2 e)/dt = w (omega_old - omega_new) + (omega_old + omega_new) x e.
 """
 
 from __future__ import annotations
@@ -42,22 +46,26 @@ from dvr_jax.nlp.problem import Problem, Variables
 from dvr_jax.nlp.system import SystemParts
 
 POSITION_TOLERANCE = 1e-3
-"""Largest distance between the object's positions under the old and the new mode [m]."""
+"""Largest distance between the object's positions under the old and the new mode of a feasible point [m]."""
 
 ROTATION_TOLERANCE = 1e-2
-"""Largest angle between its orientations [rad]."""
+"""Largest angle between the object's orientations under the old and the new mode of a feasible point [rad]."""
 
 POSITION_SCALE = 1.0
+"""Penalty of a position row relative to the common one."""
+
 ROTATION_SCALE = 0.1
-"""Penalties of the rows relative to the common one."""
+"""Penalty of a rotation row relative to the common one."""
 
 
 class SwitchJacobian(NamedTuple):
-    """Derivatives of the rows."""
+    """Derivatives of the rows by joint angles and mode parameters."""
 
     by_joints: Float[Array, "*batch phases 6 joints"]
+    """Derivatives by the joint angles of all arms at the switch."""
+
     by_parameters: Float[Array, "*batch phases 6 2 4"]
-    """By the parameters of the old and of the new mode."""
+    """Derivatives by the mode parameters of the old mode (index 0) and of the new mode (index 1)."""
 
 
 def _shape(horizon: Horizon) -> tuple[int, ...]:
@@ -69,7 +77,10 @@ def _scale(horizon: Horizon) -> Float[np.ndarray, "phases 6"]:
 
 
 def _evaluate(given: EvaluationInput) -> Evaluation:
+    """Evaluate the rows, their Jacobian, and the largest distance and angle of each problem."""
     B, K = given.x.m.shape[:2]
+
+    # Axis "objects" of these poses is the old mode (0) and the new mode (1).
     both = _both_attachments(given.problems, given.x.m)
     objects = materialize(object_poses(both, given.switches.hands))
     R = objects.rotation
@@ -86,7 +97,7 @@ def _evaluate(given: EvaluationInput) -> Evaluation:
 
 
 def _both_attachments(problems: Problem, m: Array) -> Attachment:
-    """The switched object before and after each switch, as two objects of one slice; batch axes (2, B K)."""
+    """Return the attachments of the switched object before and after each switch, with the batch axes (2, B K)."""
     B, K = m.shape[:2]
     item = jnp.asarray(problems.switched_object)
 
@@ -106,7 +117,16 @@ def _both_attachments(problems: Problem, m: Array) -> Attachment:
 def _jacobian(
     switches: SwitchGeometry, twists: Array, held: Array, p: Array, w: Array, v: Array
 ) -> Float[Array, "6 columns 2 switches"]:
-    """Derivatives of the rows by joints and parameters, through the old pose and through the new one."""
+    """Compute the derivatives of the rows by joints and parameters, for the old pose (0) and the new pose (1).
+
+    Args:
+        switches: Twists of the joints at the switches.
+        twists: Twists of the object by the parameters of each mode.
+        held: Whether each arm holds the object under each mode.
+        p: Positions of the object under both modes [m].
+        w: Scalar part of the quaternion of the difference.
+        v: Vector part of the quaternion of the difference, e in the module's docstring.
+    """
     screws = switches.screws
     moved_by = jnp.repeat(held.astype(screws.dtype), screws.shape[1] // held.shape[0], axis=0)
     columns = materialize(jnp.concatenate([screws[:, :, None] * moved_by, twists], axis=1))
@@ -120,7 +140,7 @@ def _jacobian(
 
 
 def _by_problem(change: Array, B: int, K: int) -> SwitchJacobian:
-    """Derivatives with the batch axes first."""
+    """Return the derivatives with the batch axes first; those by joints are summed over both modes."""
     joints = change.shape[1] - PARAMETERS
     by_joints = change[:, :joints].sum(2).reshape(6, joints, B, K).transpose(2, 3, 0, 1)
     by_parameters = change[:, joints:].reshape(6, PARAMETERS, 2, B, K).transpose(3, 4, 0, 2, 1)
@@ -135,11 +155,12 @@ def _add_to_system(
     multiplier_estimate: Array,
     active_penalty: Array,
 ) -> SystemParts:
+    """Add the rows at the last slice of each phase, and at the parameters of the old and the new mode."""
     T = len(x.q)
     K = len(x.m)
     last = slice(T // K - 1, None, T // K)
 
-    # The two sets of parameters belong to the actions that the object is attached by before and after the switch.
+    # The parameters of the old and the new mode belong to the actions that attached the object before and after.
     item = problem.switched_object[:, None]
     actions = [
         jnp.take_along_axis(rows, item, axis=1)[:, 0]
@@ -180,4 +201,4 @@ MODE_SWITCH = ConstraintBlock(
     evaluate=_evaluate,
     add_to_system=_add_to_system,
 )
-"""The switched object does not jump."""
+"""The block that gives a switched object the same pose before and after its switch."""

@@ -1,6 +1,7 @@
-"""Bounds of the mode parameters: a grasp stays on its face, a pitch within its range.
+"""The parameter bound block keeps mode parameters within bounds: for example, a grasp stays on the face of its object.
 
-Rows ``g = (lower - m, m - upper)`` for each action and parameter [m or rad].
+It has the rows ``g = (lower - m, m - upper)`` [m or rad] for each action and mode parameter; their derivatives by m are
+-1 and 1.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from dvr_jax.nlp.problem import Problem, Variables
 from dvr_jax.nlp.system import SystemParts
 
 BOUND_TOLERANCE = 1e-3
-"""Largest excess over a bound [m or rad]."""
+"""Largest excess over a bound that a feasible point may have [m or rad]."""
 
 SCALE = 1.0
 """Penalty of a row relative to the common one."""
@@ -36,6 +37,7 @@ def _scale(horizon: Horizon) -> float:
 
 
 def _evaluate(given: EvaluationInput) -> Evaluation:
+    """Evaluate the rows; their derivatives are constant."""
     m = given.x.m
     rows = jnp.stack(
         [given.problems.parameter_lower - m, m - given.problems.parameter_upper], axis=1
@@ -51,6 +53,7 @@ def _add_to_system(
     multiplier_estimate: Array,
     active_penalty: Array,
 ) -> SystemParts:
+    """Add the rows to the diagonal of the corner; index 0 is the lower bound, index 1 the upper one."""
     penalty = active_penalty[0] + active_penalty[1]
     return parts._replace(
         corner=parts.corner + jnp.diag(penalty.reshape(-1)),
@@ -67,4 +70,4 @@ PARAMETER_BOUND = ConstraintBlock(
     evaluate=_evaluate,
     add_to_system=_add_to_system,
 )
-"""Mode parameters stay within their bounds."""
+"""The block that keeps mode parameters within their bounds."""

@@ -1,7 +1,8 @@
-"""Rest: an arm that takes part in a switch does not move in the interval before it.
+"""The rest block requires that an arm that takes part in a switch does not move in the interval before the switch.
 
-Rows for each switch k of a path: ``h = rest_k (q_t - q_{t-1})`` at the switch's slice t, zero for arms that need not
-rest. In this interval the fingers close. Keyframes have no such rows.
+It has the rows ``h = rest_k (q_t - q_{t-1})`` [rad] for each switch k of a path and each joint, where t is the slice of
+the switch. ``rest_k`` is 1 for the joints of an arm that has to rest, else 0. The fingers move in this interval. A
+keyframe NLP has no such rows.
 """
 
 from __future__ import annotations
@@ -22,7 +23,10 @@ from dvr_jax.nlp.problem import Problem, Variables
 from dvr_jax.nlp.system import SystemParts
 
 REST_TOLERANCE = 3e-3
-"""Largest step of a joint [rad/slice]: 2.4 mm at a distance of 0.8 m from the joint."""
+"""Largest change of a resting joint from one slice to the next that a feasible point may have [rad/slice].
+
+At a distance of 0.8 m from the joint it moves a point by 2.4 mm.
+"""
 
 SCALE = 0.1
 """Penalty of a row relative to the common one."""
@@ -37,7 +41,7 @@ def _scale(horizon: Horizon) -> float:
 
 
 def joints_at_rest(arm_at_rest: Array, joints: int) -> Float[Array, "*batch joints"]:
-    """1 for each joint of an arm at rest, else 0.
+    """Return 1 for each joint of an arm at rest, and 0 for each other joint.
 
     Args:
         arm_at_rest: 1 for each arm at rest (..., A).
@@ -47,6 +51,7 @@ def joints_at_rest(arm_at_rest: Array, joints: int) -> Float[Array, "*batch join
 
 
 def _evaluate(given: EvaluationInput) -> Evaluation:
+    """Evaluate the rows; their derivatives are constant."""
     q = given.x.q
     B, K = given.x.m.shape[:2]
     S = q.shape[1] // K
@@ -65,6 +70,7 @@ def _add_to_system(
     multiplier_estimate: Array,
     active_penalty: Array,
 ) -> SystemParts:
+    """Add the rows to the diagonals of the blocks A_t, A_{t-1} and B1_t."""
     T, D = x.q.shape
     K = len(x.m)
     if T == K:
@@ -93,4 +99,4 @@ REST = ConstraintBlock(
     evaluate=_evaluate,
     add_to_system=_add_to_system,
 )
-"""Arms rest as they take or give."""
+"""The block that keeps the arms that take part in a switch at rest before it."""
