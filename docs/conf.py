@@ -73,13 +73,18 @@ def resolve_by_public_name(
         return content
 
     link = reference(
-        "", "", internal=True, refuri=f"{app.builder.get_relative_uri(node['refdoc'], 'api')}#dvr_jax.{name}"
+        "",
+        "",
+        internal=True,
+        refuri=f"{app.builder.get_relative_uri(node['refdoc'], 'api')}#dvr_jax.{name}",
     )
     link.append(content)
     return link
 
 
-def document_value(app: Sphinx, what: str, name: str, value: object, options: object, lines: list[str]) -> None:
+def document_value(
+    app: Sphinx, what: str, name: str, value: object, options: object, lines: list[str]
+) -> None:
     """Give a public value the docstring below its assignment, in place of the docstring of its type."""
     if what != "data":
         return
@@ -87,7 +92,10 @@ def document_value(app: Sphinx, what: str, name: str, value: object, options: ob
     lines.clear()
 
     for module in sorted(sys.modules):
-        if module.startswith("dvr_jax.") and getattr(sys.modules[module], short_name, None) is value:
+        if (
+            module.startswith("dvr_jax.")
+            and getattr(sys.modules[module], short_name, None) is value
+        ):
             analyzer = ModuleAnalyzer.for_module(module)
             analyzer.analyze()
             lines += analyzer.attr_docs.get(("", short_name), [])
@@ -115,7 +123,9 @@ def require_hanging_indents(
             if not depth:
                 indent = None
             elif depth == indent and not re.match(r"[*\w.]+( \(.*?\))?: ", text):
-                LOGGER.warning("the docstring of %s has a line of Args that is not indented: %r", name, text)
+                LOGGER.warning(
+                    "the docstring of %s has a line of Args that is not indented: %r", name, text
+                )
 
 
 def setup(app: Sphinx) -> None:

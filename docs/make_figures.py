@@ -48,7 +48,9 @@ PANDA_REACH = 0.855
 BASES = {"left": (-0.75, 0.0), "right": (0.75, 0.0)}
 """Bases of the default workcell [m]."""
 
-plt.rcParams.update({"font.size": 10, "axes.edgecolor": SOFT, "text.color": INK, "axes.labelcolor": INK})
+plt.rcParams.update(
+    {"font.size": 10, "axes.edgecolor": SOFT, "text.color": INK, "axes.labelcolor": INK}
+)
 
 
 @cache
@@ -62,7 +64,9 @@ def solve() -> dvr.Plan:
 def save(figure: Figure, name: str) -> None:
     """Write a figure as a small PNG."""
     FIGURES.mkdir(parents=True, exist_ok=True)
-    figure.savefig(FIGURES / f"{name}.png", dpi=110, facecolor="white", bbox_inches="tight", pad_inches=0.1)
+    figure.savefig(
+        FIGURES / f"{name}.png", dpi=110, facecolor="white", bbox_inches="tight", pad_inches=0.1
+    )
     plt.close(figure)
 
 
@@ -82,10 +86,22 @@ def draw_base(axes: Axes, name: str) -> None:
     # The foot: a disc around the axis and a plate that reaches 12.5 cm behind it.
     plate = rectangle((x + behind * 0.0625, y), (0.125, 0.11), 0.0)
     axes.add_patch(Polygon(plate, facecolor="white", edgecolor=INK, hatch="////", linewidth=0.8))
-    axes.add_patch(Circle((x, y), 0.085, facecolor="white", edgecolor=INK, hatch="////", linewidth=0.8))
-    axes.add_patch(Circle((x, y), PANDA_REACH, fill=False, edgecolor=LINE, linestyle="--", linewidth=1))
+    axes.add_patch(
+        Circle((x, y), 0.085, facecolor="white", edgecolor=INK, hatch="////", linewidth=0.8)
+    )
+    axes.add_patch(
+        Circle((x, y), PANDA_REACH, fill=False, edgecolor=LINE, linestyle="--", linewidth=1)
+    )
     axes.text(x, y - 0.12, f"{name} arm", ha="center", va="top", fontsize=9)
-    axes.text(x, y + PANDA_REACH - 0.03, f"reach {PANDA_REACH} m", ha="center", va="top", fontsize=9, color=LINE)
+    axes.text(
+        x,
+        y + PANDA_REACH - 0.03,
+        f"reach {PANDA_REACH} m",
+        ha="center",
+        va="top",
+        fontsize=9,
+        color=LINE,
+    )
 
 
 def make_scene() -> None:
@@ -94,16 +110,27 @@ def make_scene() -> None:
     figure, axes = plt.subplots(figsize=(7, 6.2))
 
     # Table, arms, target and objects, from bottom to top.
-    table = axes.add_patch(Polygon(rectangle((0, 0), (2.2, 2.0), 0.0), facecolor="#eeeae3", edgecolor=SOFT))
+    table = axes.add_patch(
+        Polygon(rectangle((0, 0), (2.2, 2.0), 0.0), facecolor="#eeeae3", edgecolor=SOFT)
+    )
     for name in BASES:
         draw_base(axes, name)
     region = scene.goal.region
-    axes.add_patch(Polygon(rectangle(region.position, region.size, region.yaw), facecolor=GOAL, alpha=0.75))
+    axes.add_patch(
+        Polygon(rectangle(region.position, region.size, region.yaw), facecolor=GOAL, alpha=0.75)
+    )
     for item in scene.objects:
         corners = rectangle(item.position, item.size, item.yaw)
         axes.add_patch(Polygon(corners, facecolor=COLORS[item.name], edgecolor=INK, linewidth=0.8))
         axes.annotate(item.name, item.position, (0, 16), textcoords="offset points", ha="center")
-    axes.annotate("goal region", region.position, (0, -30), textcoords="offset points", ha="center", color=GOAL)
+    axes.annotate(
+        "goal region",
+        region.position,
+        (0, -30),
+        textcoords="offset points",
+        ha="center",
+        color=GOAL,
+    )
 
     # The world frame.
     for direction, label in (((0.16, 0.0), "x"), ((0.0, 0.16), "y")):
@@ -142,12 +169,22 @@ def make_skeleton() -> None:
     for name, (x, y, _) in NODES.items():
         if name != "scene":
             parent = NODES[name[:-1] or "scene"]
-            axes.plot([parent[0] + (0.62 if len(name) > 1 else 0.3), x - 0.62], [parent[1], y], color=SOFT, linewidth=1)
+            axes.plot(
+                [parent[0] + (0.62 if len(name) > 1 else 0.3), x - 0.62],
+                [parent[1], y],
+                color=SOFT,
+                linewidth=1,
+            )
 
     for name, (x, y, text) in NODES.items():
         width = 0.6 if name == "scene" else 1.24
-        box = FancyBboxPatch((x - width / 2, y - 0.2), width, 0.4, boxstyle="round,pad=0,rounding_size=0.08")
-        box.set(facecolor="#fbe3e1" if name in LEAVES else "#f0f1f3", edgecolor=GOAL if name in LEAVES else SOFT)
+        box = FancyBboxPatch(
+            (x - width / 2, y - 0.2), width, 0.4, boxstyle="round,pad=0,rounding_size=0.08"
+        )
+        box.set(
+            facecolor="#fbe3e1" if name in LEAVES else "#f0f1f3",
+            edgecolor=GOAL if name in LEAVES else SOFT,
+        )
         axes.add_patch(box)
         axes.text(x, y, text, ha="center", va="center", fontsize=8.5)
 
@@ -172,7 +209,9 @@ def make_keyframes() -> None:
 def make_path() -> None:
     """Draw joint angles along the plan, and the sparsity of the Gauss-Newton matrix."""
     motion = solve().motion
-    figure, (left, right) = plt.subplots(1, 2, figsize=(11, 3.9), width_ratios=(1.7, 1), layout="constrained")
+    figure, (left, right) = plt.subplots(
+        1, 2, figsize=(11, 3.9), width_ratios=(1.7, 1), layout="constrained"
+    )
 
     # The second arm's joints follow the first one's seven joints and two fingers.
     for joint in range(7):
@@ -180,10 +219,22 @@ def make_path() -> None:
     for number, sample in enumerate(motion.switch, start=1):
         left.axvline(motion.time[sample], color=SOFT, linewidth=0.8, linestyle=":")
         left.text(
-            motion.time[sample], 1.01, f"action {number}", transform=left.get_xaxis_transform(), ha="right", fontsize=8
+            motion.time[sample],
+            1.01,
+            f"action {number}",
+            transform=left.get_xaxis_transform(),
+            ha="right",
+            fontsize=8,
         )
     left.set(xlabel="time [s]", ylabel="angle of the right arm [rad]", xlim=(0, motion.time[-1]))
-    left.legend(ncols=7, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.14), frameon=False, columnspacing=1)
+    left.legend(
+        ncols=7,
+        fontsize=8,
+        loc="upper center",
+        bbox_to_anchor=(0.5, -0.14),
+        frameon=False,
+        columnspacing=1,
+    )
 
     # A grasp, a handover and a place, with five slices each: one square is a block of one slice or one action.
     slices, actions = 15, 3
@@ -256,9 +307,19 @@ def make_check() -> None:
     arms = ("right", "left")
     for arm, name, begin, end in held_intervals(result):
         row = arms.index(arm)
-        bottom.barh(row, end - begin, left=begin, height=0.6, color=COLORS[name], edgecolor=INK, linewidth=0.6)
+        bottom.barh(
+            row,
+            end - begin,
+            left=begin,
+            height=0.6,
+            color=COLORS[name],
+            edgecolor=INK,
+            linewidth=0.6,
+        )
         bottom.text((begin + end) / 2, row, name, ha="center", va="center", fontsize=9)
-    bottom.set(yticks=range(len(arms)), yticklabels=[f"{arm} holds" for arm in arms], xlabel="time [s]")
+    bottom.set(
+        yticks=range(len(arms)), yticklabels=[f"{arm} holds" for arm in arms], xlabel="time [s]"
+    )
     bottom.set(xlim=(0, result.motion.time[-1]), ylim=(-0.5, 1.5))
     save(figure, "check")
 
@@ -271,13 +332,24 @@ def make_search() -> None:
 
     for index, (search, label) in enumerate(names.items()):
         lines = (ROWS / f"{search}.jsonl").read_text(encoding="utf-8").splitlines()[1:]
-        rows = [row for row in map(json.loads, lines) if row["status"] == "solved" and len(row["words"]) == 4]
+        rows = [
+            row
+            for row in map(json.loads, lines)
+            if row["status"] == "solved" and len(row["words"]) == 4
+        ]
         means = [statistics.mean(row["verdicts"].get(bound, 0) for row in rows) for bound in bounds]
         places = np.arange(len(bounds)) + 0.27 * (index - 1)
         bars = axes.bar(places, means, width=0.25, label=f"{label} ({len(rows)} scenes)")
-        axes.bar_label(bars, [f"{mean:.0f}" if mean >= 10 else f"{mean:.1f}" for mean in means], fontsize=8, padding=2)
+        axes.bar_label(
+            bars,
+            [f"{mean:.0f}" if mean >= 10 else f"{mean:.1f}" for mean in means],
+            fontsize=8,
+            padding=2,
+        )
 
-    axes.set(yscale="log", ylim=(0.5, 20000), xticks=range(len(bounds)), ylabel="prefixes judged (mean)")
+    axes.set(
+        yscale="log", ylim=(0.5, 20000), xticks=range(len(bounds)), ylabel="prefixes judged (mean)"
+    )
     axes.set_xticklabels([f"{bound} bound" for bound in bounds])
     axes.legend(frameon=False)
     axes.spines[["top", "right"]].set_visible(False)
@@ -295,7 +367,10 @@ def make_network() -> None:
     shown = panels[0].imshow(10 * images.height, cmap="viridis", vmin=0, vmax=16)
     figure.colorbar(shown, ax=panels[0], label="height [cm]", shrink=0.85)
     panels[0].set_title("depth, relative to the empty table")
-    masks = (("mask of the object (yellow)", names.index("yellow")), ("mask of the goal region", len(names)))
+    masks = (
+        ("mask of the object (yellow)", names.index("yellow")),
+        ("mask of the goal region", len(names)),
+    )
     for axes, (title, index) in zip(panels[1:], masks, strict=True):
         axes.imshow(images.masks[index], cmap="gray", vmin=0, vmax=255)
         axes.set_title(title)
@@ -308,7 +383,9 @@ def make_plan() -> None:
     """Write the animation of the README: twice as fast as the motion."""
     result = solve()
     path = REPOSITORY / "data" / "pictures" / "plan.gif"
-    save_animation(path, result.scene, result.motion, frames_per_second=5, speed=2, width=480, height=300)
+    save_animation(
+        path, result.scene, result.motion, frames_per_second=5, speed=2, width=480, height=300
+    )
 
 
 MAKERS: dict[str, Callable[[], None]] = {

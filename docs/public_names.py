@@ -36,7 +36,9 @@ class PublicNames(Directive):
 
     def run(self) -> list[nodes.Node]:
         """Return one section for each kind that has names."""
-        directives = {name: directive_of(getattr(dvr_jax, name)) for name in dvr_jax.__all__ if name[0] != "_"}
+        directives = {
+            name: directive_of(getattr(dvr_jax, name)) for name in dvr_jax.__all__ if name[0] != "_"
+        }
         sections: list[nodes.Node] = []
 
         for heading, directive in KINDS:

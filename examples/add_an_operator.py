@@ -99,9 +99,15 @@ SUCTION = Operator(
 )
 
 # What the independent check can find. It computes each quantity from the replayed motion alone, without the optimizer.
-BESIDE = FindingKind("suction center", "the center of the {1} gripper is {value} off the top face of {0}", "mm")
-TILT = FindingKind("suction tilt", "the approach of {1} is tilted by {value} against the axis of {0}", "mrad")
-FINGERS = FindingKind("suction fingers", "the {1} gripper holds {0} with its fingers {value} open", "mm")
+BESIDE = FindingKind(
+    "suction center", "the center of the {1} gripper is {value} off the top face of {0}", "mm"
+)
+TILT = FindingKind(
+    "suction tilt", "the approach of {1} is tilted by {value} against the axis of {0}", "mrad"
+)
+FINGERS = FindingKind(
+    "suction fingers", "the {1} gripper holds {0} with its fingers {value} open", "mm"
+)
 
 
 def _refusal(arguments: Arguments, holding: Mapping[str, str]) -> str:
@@ -116,20 +122,27 @@ def _attachment(scene: Scene, arguments: Arguments) -> Held:
     return Held(scene.workcell.arm_index(arguments["arm"]))
 
 
-def _check(motion: ReplayedMotion, timeline: Timeline, interval: AttachmentInterval, log: FindingLog) -> None:
+def _check(
+    motion: ReplayedMotion, timeline: Timeline, interval: AttachmentInterval, log: FindingLog
+) -> None:
     arm = motion.scene.workcell.arm_index(interval.arguments["arm"])
     names = (motion.object_label(interval.object), motion.arm_name(arm))
     half = np.array(motion.scene.objects[interval.object].size) / 2
 
     to_object = motion.object_rotations[interval.start, interval.object].T
-    offset = motion.gripper_positions[interval.start, arm] - motion.object_positions[interval.start, interval.object]
+    offset = (
+        motion.gripper_positions[interval.start, arm]
+        - motion.object_positions[interval.start, interval.object]
+    )
     center = to_object @ offset
     beside = np.maximum(np.abs(center[:2]) - half[:2], 0.0)
     above = max(abs(center[2] - half[2] - 0.01) - 0.01, 0.0)
     log.add(BESIDE, interval.start, names, float(np.linalg.norm([*beside, above])), 1e-3)
 
     approach = to_object @ motion.gripper_rotations[interval.start, arm][:, 2]
-    log.add(TILT, interval.start, names, float(np.arctan2(np.hypot(*approach[:2]), -approach[2])), 0.02)
+    log.add(
+        TILT, interval.start, names, float(np.arctan2(np.hypot(*approach[:2]), -approach[2])), 0.02
+    )
 
     # The fingers may open just before the interval ends, once the action that ends it has secured the object.
     travels = motion.finger_travels(arm).max(axis=1)

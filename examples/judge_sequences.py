@@ -30,5 +30,7 @@ print(f"{sum(verdict.feasible for verdict in verdicts)} feasible; refuted by: {d
 for verdict in verdicts:
     if verdict.feasible:
         report = dvr.check(scene, verdict.actions, verdict.motion)
-        print(f"checked again: {report.passed}, deepest contact {1000 * report.deepest_penetration:.2f} mm")
+        print(
+            f"checked again: {report.passed}, deepest contact {1000 * report.deepest_penetration:.2f} mm"
+        )
         break

@@ -21,7 +21,9 @@ for number, description in enumerate(result.action_descriptions, start=1):
 if not result.solved:
     sys.exit("no plan was found")
 
-print(f"motion: {result.motion.time[-1]:.1f} s, deepest contact {1000 * result.report.deepest_penetration:.2f} mm")
+print(
+    f"motion: {result.motion.time[-1]:.1f} s, deepest contact {1000 * result.report.deepest_penetration:.2f} mm"
+)
 print(f"planned in {result.seconds['total']:.2f} s")
 
 # plan.json, trajectory.npz, scene.xml, film.png, depth.png and plan.gif.
