@@ -64,7 +64,7 @@ def _inverse_factor(A: Array) -> Array:
 
 
 def solve_bordered(
-    system: BorderedSystem, damping: Float[Array, ""]
+    system: BorderedSystem, damping: Float[Array, ""] | float
 ) -> tuple[Float[Array, "slices joints"], Float[Array, " parameters"]]:
     """Newton step of a system.
 
@@ -84,7 +84,7 @@ def solve_bordered(
 
 
 def _solve_uncoupled(
-    system: BorderedSystem, A: Array, right: Array, damping: Array
+    system: BorderedSystem, A: Array, right: Array, damping: Array | float
 ) -> tuple[Array, Array]:
     """Slices that nothing couples in time, side by side."""
     inverse = _inverse_factor(A)
@@ -95,7 +95,7 @@ def _solve_uncoupled(
 
 
 def _solve_coupled(
-    system: BorderedSystem, A: Array, right: Array, damping: Array, B1: Array, B2: Array
+    system: BorderedSystem, A: Array, right: Array, damping: Array | float, B1: Array, B2: Array
 ) -> tuple[Array, Array]:
     """Slices of a path, by a forward and a backward sweep over pairs of slices."""
     T, D = system.gradient_q.shape
@@ -147,7 +147,7 @@ def _pair_blocks(A: Array, B1: Array, B2: Array) -> tuple[Array, Array]:
     return own, ahead
 
 
-def _solve_corner(system: BorderedSystem, reduced: Array, damping: Array) -> Array:
+def _solve_corner(system: BorderedSystem, reduced: Array, damping: Array | float) -> Array:
     """Step of the mode parameters (M,) from the forward-reduced right-hand sides, rows of M + 1."""
     M = system.gradient_m.shape[0]
     flat = reduced.reshape(-1, M + 1)
