@@ -10,8 +10,8 @@ _check_function = beartype(conf=BeartypeConf(is_pep484_tower=True))
 def check(function: Any) -> Any:
     """Check the annotations of a function whenever it is called; as for static checkers, an int is a float too.
 
-    Records are not checked: wrong values in them are refused where they enter the package, which tests try; and JAX makes
-    pytrees whose leaves are no arrays.
+    Records are not checked: wrong values in them are refused where they enter the package, which tests try; and JAX
+    makes pytrees whose leaves are no arrays.
     """
     if getattr(function, "__name__", "") == "__init__":
         return function
