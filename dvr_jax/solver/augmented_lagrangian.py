@@ -322,7 +322,7 @@ def judge_trial(
     state: SolverState,
     cost: Float[Array, ""],
     rows: Sequence[Array],
-    scales: Sequence[Array],
+    scales: Sequence[Array | float],
     equalities: Sequence[bool],
     relative_violation: Float[Array, ""],
 ) -> TrialUpdate:
@@ -333,7 +333,7 @@ def judge_trial(
         state: The lane.
         cost: Half the sum of squared costs at the trial point.
         rows: Constraint rows there.
-        scales: Penalty of each kind of row relative to the common one.
+        scales: Penalty of each row relative to the common one, an array or a number for each kind of row.
         equalities: Which kinds are equalities.
         relative_violation: Largest violation there as a multiple of its tolerance.
     """

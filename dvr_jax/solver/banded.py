@@ -65,7 +65,7 @@ def _inverse_factor(A: Array) -> Array:
 
 
 def solve_bordered(
-    system: BorderedSystem, damping: Float[Array, ""]
+    system: BorderedSystem, damping: Float[Array, ""] | float
 ) -> tuple[Float[Array, "slices joints"], Float[Array, " parameters"]]:
     """Solve a damped Gauss-Newton system for the steps of joint angles and mode parameters.
 
@@ -85,7 +85,7 @@ def solve_bordered(
 
 
 def _solve_uncoupled(
-    system: BorderedSystem, A: Array, right: Array, damping: Array
+    system: BorderedSystem, A: Array, right: Array, damping: Array | float
 ) -> tuple[Array, Array]:
     """Solve a keyframe system, whose slices are not coupled in time."""
     inverse = _inverse_factor(A)
@@ -96,7 +96,7 @@ def _solve_uncoupled(
 
 
 def _solve_coupled(
-    system: BorderedSystem, A: Array, right: Array, damping: Array, B1: Array, B2: Array
+    system: BorderedSystem, A: Array, right: Array, damping: Array | float, B1: Array, B2: Array
 ) -> tuple[Array, Array]:
     """Solve the system of a path by a forward and a backward sweep over pairs of slices."""
     T, D = system.gradient_q.shape
