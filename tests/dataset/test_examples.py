@@ -21,13 +21,14 @@ from dvr_jax.dataset.counts import count_infeasible_sequences
 from dvr_jax.dataset.sequence_index import sequence_index_of
 from dvr_jax.dataset.shards import list_shards
 from dvr_jax.errors import DvrError
-from dvr_jax.logic import Grounding, enumerate_sequences, ground_actions
+from dvr_jax.logic import Grounding, enumerate_sequences
 from dvr_jax.model.predictor import Predictor
+from dvr_jax.operators import ground_scene
 from dvr_jax.scene.types import Scene
 
 
 def ground(scene: Scene) -> Grounding:
-    return ground_actions([item.name for item in scene.objects], scene.goal.object)
+    return ground_scene(scene)
 
 
 def sequences_of(examples: Examples, scene: int) -> dict[tuple[int, ...], bool]:

@@ -3,7 +3,8 @@
 import numpy as np
 
 from dvr_jax.dataset import Examples
-from dvr_jax.logic import enumerate_sequences, ground_actions
+from dvr_jax.logic import enumerate_sequences
+from dvr_jax.operators import ground_scene
 from dvr_jax.scene.sampling import sample_scenes
 
 
@@ -13,7 +14,7 @@ def sided_examples(number: int, seed: int, objects: int = 2, longest: int = 2) -
     scenes = list(sample_scenes(number, objects, seed))
     rows, labels = [], []
     for i, scene in enumerate(scenes):
-        grounding = ground_actions([item.name for item in scene.objects], scene.goal.object)
+        grounding = ground_scene(scene)
         arm = "left" if scene.objects[scene.goal_index].position[0] < 0 else "right"
         sequences = [s for length in range(2, longest + 1) for s in enumerate_sequences(grounding, length)]
         feasible = [len(s) == 2 and grounding.actions[s[0]].arguments[0] == arm for s in sequences]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dvr_jax.errors import DvrError
-from dvr_jax.logic import Action, ground_actions
+from dvr_jax.logic import Action
 from dvr_jax.model.encoding import MIRRORED, encode_actions
 from dvr_jax.model.images import (
     BRIGHTNESS,
@@ -20,6 +20,7 @@ from dvr_jax.model.images import (
     stack_images,
     view_channels,
 )
+from dvr_jax.operators import ground_scene
 from dvr_jax.scene.camera import render_depth
 from dvr_jax.scene.pinhole import SCENE_CAMERA
 from dvr_jax.scene.sampling import sample_scenes
@@ -110,7 +111,7 @@ def test_a_mirrored_scene_has_mirrored_images_and_symbols(in_x: bool, in_y: bool
         # Rays graze edges: single ones differ.
         assert (here.masks[place] != there.masks).mean() < 1e-3
         assert (np.abs(here.height[place] - there.height) > 0.05).mean() < 5e-3
-        grounding = ground_actions([item.name for item in scene.objects], scene.goal.object)
+        grounding = ground_scene(scene)
         codes, others = encode_actions(grounding, scene.objects), encode_actions(grounding, moved.objects)
         for index, action in enumerate(grounding.actions):
             arguments = tuple(words.get(word, word) for word in action.arguments)

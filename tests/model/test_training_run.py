@@ -23,7 +23,7 @@ import dvr_jax
 from dvr_jax.cli import train as command
 from dvr_jax.dataset import Examples, write_shard
 from dvr_jax.errors import DvrError, run_command
-from dvr_jax.logic import Action, ground_actions
+from dvr_jax.logic import Action
 from dvr_jax.model.batches import assemble_batch
 from dvr_jax.model.export import load_parameters
 from dvr_jax.model.history import History, read_history
@@ -34,6 +34,7 @@ from dvr_jax.model.training import evaluate_batch, train_step, weighted_loss
 from dvr_jax.model.training_data import prepare_training_data
 from dvr_jax.model.training_options import TrainOptions
 from dvr_jax.model.training_run import train
+from dvr_jax.operators import ground_scene
 from dvr_jax.planning.feasibility import feasibility
 from dvr_jax.scene.sampling import scene_of_seed
 from dvr_jax.scene.types import Scene
@@ -117,7 +118,7 @@ def test_greedy_sequences_that_no_label_knows_are_judged_once(tmp_path: Path) ->
     assert number >= 4 and len(asked) == round(number * (1 - share)) > 0
     assert figure == pytest.approx(share + sum(actions[0].arguments[0] == "left" for _, actions in asked) / number)
     for scene, actions in asked:
-        ground_actions([item.name for item in scene.objects], scene.goal.object).check_sequence(actions)
+        ground_scene(scene).check_sequence(actions)
     assert judged.measure(parameters)["top1"] == figure and len(asked) == round(number * (1 - share))
 
 
