@@ -72,7 +72,7 @@ def test_images_of_another_camera_take_the_place_of_the_rendered_ones() -> None:
         return answer(replace(PREDICTOR, images=depth_images(scene, replace(seen, depth=depth), 16)))
 
     np.testing.assert_array_equal(answer_to(seen.depth), answer(PREDICTOR))
-    empty = empty_depth(scene.home, 64, 64)
+    empty = empty_depth(scene.workcell, 64, 64)
     assert not np.array_equal(answer_to(empty), answer(PREDICTOR))
     np.testing.assert_array_equal(answer_to(np.full((64, 64), np.nan, np.float32)), answer_to(empty))
     with pytest.raises(DvrError, match=r"\(8, 8\).*valid.*\(16, 16\)"):

@@ -223,7 +223,7 @@ def test_command_trains_a_classifier_on_separate_held_out_scenes(
 
     labels = write_shard(tmp_path / "labels.parquet", {0: EXAMPLES.scenes[0]}, [], {"seed": 0})
     monkeypatch.setattr("dvr_jax.dataset.examples.load_examples", reader)
-    monkeypatch.setattr("dvr_jax.dataset.examples.find_shards", lambda paths: [labels])
+    monkeypatch.setattr("dvr_jax.dataset.shards.find_shards", lambda paths: [labels])
     arguments = "--data a --validation b --kind classifier --image-size 8 --batch 8 --least-feasible 2"
     arguments += " --steps 4 --log-every 2 --checkpoint-every 4"
     monkeypatch.setattr(sys, "argv", ["train", *arguments.split(), "--out", str(tmp_path)])
