@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 
-import dvr_jax
 from docutils.nodes import Element, TextElement, reference
 from sphinx.addnodes import pending_xref
 from sphinx.application import Sphinx
 from sphinx.environment import BuildEnvironment
+from sphinx.pycode import ModuleAnalyzer
+from sphinx.util import logging
+
+import dvr_jax
 
 sys.path.insert(0, str(Path(__file__).parent))
+
+LOGGER = logging.getLogger(__name__)
 
 project = "dvr_jax"
 author = "the dvr_jax authors"
@@ -66,11 +72,55 @@ def resolve_by_public_name(
     if name not in dvr_jax.__all__:
         return content
 
-    link = reference("", "", internal=True, refuri=f"{app.builder.get_relative_uri(node['refdoc'], 'api')}#dvr_jax.{name}")
+    link = reference(
+        "", "", internal=True, refuri=f"{app.builder.get_relative_uri(node['refdoc'], 'api')}#dvr_jax.{name}"
+    )
     link.append(content)
     return link
 
 
+def document_value(app: Sphinx, what: str, name: str, value: object, options: object, lines: list[str]) -> None:
+    """Give a public value the docstring below its assignment, in place of the docstring of its type."""
+    if what != "data":
+        return
+    short_name = name.rpartition(".")[2]
+    lines.clear()
+
+    for module in sorted(sys.modules):
+        if module.startswith("dvr_jax.") and getattr(sys.modules[module], short_name, None) is value:
+            analyzer = ModuleAnalyzer.for_module(module)
+            analyzer.analyze()
+            lines += analyzer.attr_docs.get(("", short_name), [])
+        if lines:
+            return
+    LOGGER.warning("the public value %s has no docstring below its assignment", name)
+
+
+def require_hanging_indents(
+    app: Sphinx, what: str, name: str, value: object, options: object, lines: list[str]
+) -> None:
+    """Warn of an argument's description whose continuation lines are not indented.
+
+    In a docstring of Google style they must be, or each of them is shown as an argument of its own.
+    """
+    indent = None
+
+    for line in lines:
+        text = line.lstrip()
+        if text in ("Args:", "Raises:"):
+            indent = ""
+        elif indent is not None and text:
+            depth = line[: len(line) - len(text)]
+            indent = indent or depth
+            if not depth:
+                indent = None
+            elif depth == indent and not re.match(r"[*\w.]+( \(.*?\))?: ", text):
+                LOGGER.warning("the docstring of %s has a line of Args that is not indented: %r", name, text)
+
+
 def setup(app: Sphinx) -> None:
-    """Register the handler."""
+    """Register the handlers."""
     app.connect("missing-reference", resolve_by_public_name)
+    app.connect("autodoc-process-docstring", document_value, priority=300)
+    # Before napoleon, which rewrites the sections at priority 500.
+    app.connect("autodoc-process-docstring", require_hanging_indents, priority=400)

@@ -9,6 +9,7 @@ The pictures are written into `docs/figures/`, the animation into `data/pictures
 from __future__ import annotations
 
 import json
+import shutil
 import statistics
 import sys
 import tempfile
@@ -28,7 +29,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyBboxPatch, Polygon
 
 import dvr_jax as dvr
-from dvr_jax.drawing.film import save_animation, save_film
+from dvr_jax.drawing.animation import save_animation
 from dvr_jax.model.images import depth_images
 from dvr_jax.scene.camera import render_depth
 
@@ -162,9 +163,10 @@ def make_skeleton() -> None:
 
 def make_keyframes() -> None:
     """Draw the film of the plan: its initial state and its keyframes."""
-    result = solve()
     FIGURES.mkdir(parents=True, exist_ok=True)
-    save_film(FIGURES / "keyframes.png", result.scene, result.actions, result.motion)
+    with tempfile.TemporaryDirectory() as folder:
+        solve().save(folder, animation=False)
+        shutil.copyfile(f"{folder}/film.png", FIGURES / "keyframes.png")
 
 
 def make_path() -> None:
@@ -177,7 +179,9 @@ def make_path() -> None:
         left.plot(motion.time, motion.qpos[:, 9 + joint], label=f"joint {joint + 1}", linewidth=1.3)
     for number, sample in enumerate(motion.switch, start=1):
         left.axvline(motion.time[sample], color=SOFT, linewidth=0.8, linestyle=":")
-        left.text(motion.time[sample], 1.01, f"action {number}", transform=left.get_xaxis_transform(), ha="right", fontsize=8)
+        left.text(
+            motion.time[sample], 1.01, f"action {number}", transform=left.get_xaxis_transform(), ha="right", fontsize=8
+        )
     left.set(xlabel="time [s]", ylabel="angle of the right arm [rad]", xlim=(0, motion.time[-1]))
     left.legend(ncols=7, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.14), frameon=False, columnspacing=1)
 
@@ -236,11 +240,13 @@ def make_check() -> None:
     """Draw the deepest contact along the plan, and who holds what."""
     result = solve()
     with tempfile.TemporaryDirectory() as folder:
-        result.save(folder)
+        result.save(folder, pictures=False, animation=False)
         model = mujoco.MjModel.from_xml_path(f"{folder}/scene.xml")
     depths = 1000 * deepest_contacts(model, result.motion.qpos)
 
-    figure, (top, bottom) = plt.subplots(2, 1, figsize=(9, 4.2), height_ratios=(2, 1), sharex=True, layout="constrained")
+    figure, (top, bottom) = plt.subplots(
+        2, 1, figsize=(9, 4.2), height_ratios=(2, 1), sharex=True, layout="constrained"
+    )
     top.fill_between(result.motion.time, depths, color=LINE, alpha=0.35, linewidth=0)
     top.plot(result.motion.time, depths, color=LINE, linewidth=1)
     top.axhline(3.0, color=GOAL, linewidth=1.2)

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import inspect
 
-import dvr_jax
 from docutils import nodes
 from docutils.parsers.rst import Directive
 from docutils.statemachine import StringList
 from sphinx.application import Sphinx
+
+import dvr_jax
 
 KINDS = (
     ("Functions", "autofunction"),
@@ -51,7 +52,9 @@ class PublicNames(Directive):
 
         lines: list[str] = []
         for name in names:
-            lines += [f".. {directive}:: dvr_jax.{name}", ""]
+            # The text of a value can fill a page; its docstring says what it is.
+            options = ["   :no-value:"] if directive == "autodata" else []
+            lines += [f".. {directive}:: dvr_jax.{name}", *options, ""]
         self.state.nested_parse(StringList(lines, "dvr_jax.__all__"), self.content_offset, section)
         return section
 

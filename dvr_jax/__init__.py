@@ -14,7 +14,7 @@ is first used, and JAX with the first name that needs it.
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-__version__ = "0.8.1"
+__version__ = "0.9.0"
 
 _PUBLIC_NAMES: dict[str, str] = {
     # Scenes
@@ -75,7 +75,7 @@ if TYPE_CHECKING:
     from dvr_jax.goals import OnRegion as OnRegion
     from dvr_jax.goals import Region as Region
     from dvr_jax.logic import Action as Action
-    from dvr_jax.logic import LogicError as LogicError  # noqa: F401
+    from dvr_jax.logic import LogicError as LogicError
     from dvr_jax.model.predictor import Predictor as Predictor
     from dvr_jax.motion.motion import Motion as Motion
     from dvr_jax.operators import OPERATORS as OPERATORS

@@ -1,7 +1,7 @@
 """The whole pipeline on a toy scale: draw scenes, label sequences, train a network, and plan with it.
 
-The commands are those of a real data set; only the numbers are small. A real sweep labels thousands of scenes, and a real
-training takes tens of thousands of steps.
+The commands are those of a real data set; only the numbers are small. A real sweep labels thousands of scenes, and a
+real training takes tens of thousands of steps.
 """
 
 import subprocess

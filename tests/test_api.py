@@ -36,12 +36,22 @@ print(seconds, [name for name in {HEAVY} if name in sys.modules])
 
 def text_below(module: str, name: str) -> str:
     """The text that stands below the definition of a name, in its module or where the module imports it from."""
-    body = ast.parse(Path(importlib.import_module(module).__file__ or "").read_text(encoding="utf-8")).body
+    body = ast.parse(
+        Path(importlib.import_module(module).__file__ or "").read_text(encoding="utf-8")
+    ).body
     for statement, after in pairwise([*body, ast.Pass()]):
-        if isinstance(statement, ast.ImportFrom) and name in {alias.name for alias in statement.names}:
+        if isinstance(statement, ast.ImportFrom) and name in {
+            alias.name for alias in statement.names
+        }:
             return text_below(statement.module or "", name)
-        targets = statement.targets if isinstance(statement, ast.Assign) else [getattr(statement, "target", None)]
-        is_definition = any(isinstance(target, ast.Name) and target.id == name for target in targets)
+        targets = (
+            statement.targets
+            if isinstance(statement, ast.Assign)
+            else [getattr(statement, "target", None)]
+        )
+        is_definition = any(
+            isinstance(target, ast.Name) and target.id == name for target in targets
+        )
         if is_definition and isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
             return str(after.value.value)
     return ""
@@ -97,7 +107,10 @@ try:
 except dvr_jax.OptionError as error:
     print(error)
 """
-    assert run(code) == "the scene is the path 'scene.json'; valid is a Scene, as load_scene('scene.json') returns it."
+    assert (
+        run(code)
+        == "the scene is the path 'scene.json'; valid is a Scene, as load_scene('scene.json') returns it."
+    )
 
 
 def test_each_kind_of_error_is_a_dvr_error_that_says_when_it_is_raised() -> None:

@@ -70,12 +70,16 @@ SUPPORT = "support"
 
 EXCEPTIONS = {
     ("bench/test_command.py", "cli"): "the command of the benchmarks lists their names",
-    ("dataset/test_examples.py", "cli"): "a network is trained on examples by the command",
-    ("dataset/test_examples.py", "model"): "and then predicts what the examples say",
     ("model/test_training_run.py", "cli"): "the command stops and resumes a training",
     ("model/test_training_run.py", "planning"): "the labels of the training come from the solver",
-    ("planning/test_motion_between_samples.py", "bench"): "frozen problems whose paths are known to penetrate",
-    ("search/test_bounds.py", "planning"): "a path counts only if the check accepts its motion, which planning makes",
+    (
+        "planning/test_motion_between_samples.py",
+        "bench",
+    ): "frozen problems whose paths are known to penetrate",
+    (
+        "search/test_bounds.py",
+        "planning",
+    ): "a path counts only if the check accepts its motion, which planning makes",
     ("seeds/test_keyframe_beam.py", "bench"): "frozen problems that are known to be feasible",
 }
 """Test file and package of a higher layer that it imports, with the reason."""
@@ -95,7 +99,9 @@ def imported_modules(path: Path, package: str = "") -> Iterator[str]:
             base = node.module or ""
             if node.level:
                 parents = package.split(".")
-                base = ".".join([*parents[: len(parents) - node.level + 1], *([base] if base else [])])
+                base = ".".join(
+                    [*parents[: len(parents) - node.level + 1], *([base] if base else [])]
+                )
             # A name may be a module, too.
             yield base
             yield from (f"{base}.{alias.name}" for alias in node.names)
@@ -127,7 +133,9 @@ def packages_of(module: str) -> set[str]:
 
 def modules() -> list[Path]:
     """All modules of the distribution but its `__init__`, relative to it."""
-    return sorted(path.relative_to(ROOT) for path in ROOT.rglob("*.py") if path != ROOT / "__init__.py")
+    return sorted(
+        path.relative_to(ROOT) for path in ROOT.rglob("*.py") if path != ROOT / "__init__.py"
+    )
 
 
 def layer(package: str) -> int:
@@ -148,7 +156,11 @@ def test_a_package_imports_only_from_those_above_it(package: str) -> None:
             continue
         dotted = ".".join(["dvr_jax", *path.parts[:-1]])
         for module in imported_modules(ROOT / path, dotted):
-            wrong += [f"{path} imports {module}" for other in packages_of(module) if layer(other) > layer(package)]
+            wrong += [
+                f"{path} imports {module}"
+                for other in packages_of(module)
+                if layer(other) > layer(package)
+            ]
     assert not wrong, "\n".join(sorted(set(wrong)))
 
 
@@ -157,7 +169,9 @@ def test_a_shim_only_starts_its_command(name: str) -> None:
     lines = (ROOT / name).read_text(encoding="utf-8").splitlines()
     assert len(lines) <= LONGEST_SHIM
     assert SHIMS[name] in "\n".join(lines)
-    imported = {package for module in imported_modules(ROOT / name) for package in packages_of(module)}
+    imported = {
+        package for module in imported_modules(ROOT / name) for package in packages_of(module)
+    }
     # Imported, `dvr_jax.plan` is the function of the public API.
     assert imported <= {"cli", "errors", *(["planning"] if name == "plan.py" else [])}
 

@@ -96,7 +96,9 @@ class CommittedResults:
         relative = RESULTS / name
         path = self._find(relative)
         try:
-            header, *rows = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+            header, *rows = [
+                json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()
+            ]
             file = RowsFile(relative, header, tuple(rows))
             _ = (file.options, file.origin)
         except (ValueError, LookupError, TypeError) as error:

@@ -106,7 +106,9 @@ def find_checkout(folder: Path, python: Path | None) -> Checkout:
         DvrError: The folder holds no package with this benchmark.
     """
     if not (folder / "dvr_jax/bench/speed.py").is_file():
-        raise DvrError(f"{folder} has no dvr_jax/bench/speed.py; valid is a checkout of this repository.")
+        raise DvrError(
+            f"{folder} has no dvr_jax/bench/speed.py; valid is a checkout of this repository."
+        )
     own = folder / ".venv/bin/python"
     if python is None:
         python = own if own.exists() else Path(sys.executable)
@@ -141,7 +143,9 @@ def measure(checkout: Checkout, cache: Path) -> dict[str, float]:
     )
     times = parse_times(process.stdout)
     if process.returncode != 0 or not times:
-        raise DvrError(f"bench speed in {checkout.folder} ended with exit code {process.returncode}.")
+        raise DvrError(
+            f"bench speed in {checkout.folder} ended with exit code {process.returncode}."
+        )
     return times
 
 

@@ -10,7 +10,8 @@ import tyro
 from dvr_jax.bench.metrics import Direction, Metric, save_metrics
 from dvr_jax.bench.paper import DATASET
 from dvr_jax.dataset.counts import count_labels
-from dvr_jax.dataset.examples import count_targets, find_shards, load_examples
+from dvr_jax.dataset.examples import count_targets, load_examples
+from dvr_jax.dataset.shards import find_shards
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,9 @@ def run(arguments: list[str]) -> int:
     """Print the counts beside the paper's."""
     options = tyro.cli(DatasetOptions, prog="python -m dvr_jax.bench dataset", args=arguments)
     labels = count_labels(find_shards(options.data))
-    targets = count_targets(load_examples(options.data, options.completions, options.k_max, options.seed))
+    targets = count_targets(
+        load_examples(options.data, options.completions, options.k_max, options.seed)
+    )
 
     counts = {
         "scenes": labels.scenes,

@@ -17,7 +17,7 @@ from dvr_jax.planning.planner import plan
 from dvr_jax.scene.mjcf import COLLISION_GROUP, LOOKS_GROUP, build_model_spec
 from dvr_jax.scene.sampling import sample_scenes
 from dvr_jax.scene.types import Scene
-from dvr_jax.workcell.constants import ARM_NAMES
+from dvr_jax.workcell.workcell import DEFAULT_WORKCELL
 
 _FIXED_LINKS = {"base", "link1"}
 """Links that stand on the table."""
@@ -45,7 +45,9 @@ def run(arguments: list[str]) -> int:
     """Print the deepest penetration of each plan's drawn links that is deeper than the check allows."""
     options = tyro.cli(DrawnOptions, prog="python -m dvr_jax.bench drawn", args=arguments)
     if options.number < 1 or options.seed < 0:
-        raise DvrError(f"--number is {options.number}, --seed {options.seed}; valid are 1 or more and 0 or more.")
+        raise DvrError(
+            f"--number is {options.number}, --seed {options.seed}; valid are 1 or more and 0 or more."
+        )
 
     # One number a plan: its deepest penetration [m].
     deepest: list[float] = []
@@ -66,7 +68,9 @@ def run(arguments: list[str]) -> int:
     too_deep = sum(depth > DEEPEST_CONTACT for depth in deepest)
     deepest_of_all = 1e3 * max(deepest, default=0.0)
     limit = 1e3 * DEEPEST_CONTACT
-    print(f"of {len(deepest)} plans, {too_deep} have a drawn link deeper than {limit:.0f} mm in something")
+    print(
+        f"of {len(deepest)} plans, {too_deep} have a drawn link deeper than {limit:.0f} mm in something"
+    )
     print(f"deepest {deepest_of_all:.1f} mm")
 
     if options.out is not None:
@@ -103,7 +107,9 @@ def drawn_penetrations(scene: Scene, motion: Motion) -> dict[tuple[str, str], fl
         mujoco.mj_collision(model, data)
 
         for contact in data.contact:
-            first, second = sorted(model.body(model.geom_bodyid[geom]).name for geom in contact.geom)
+            first, second = sorted(
+                model.body(model.geom_bodyid[geom]).name for geom in contact.geom
+            )
             if _may_not_touch((first, second)):
                 depth = -float(contact.dist)
                 depths[first, second] = max(depths.get((first, second), 0.0), depth)
@@ -128,7 +134,7 @@ def _build_drawn_model(scene: Scene) -> mujoco.MjModel:
 def _may_not_touch(names: Sequence[str]) -> bool:
     """Whether a contact of two bodies counts as a penetration."""
     prefixes = [name.split("/")[0] for name in names]
-    arms = [prefix if prefix in ARM_NAMES else "" for prefix in prefixes]
+    arms = [prefix if prefix in DEFAULT_WORKCELL.arm_names else "" for prefix in prefixes]
     links = {name.split("/")[-1] for name, arm in zip(names, arms, strict=True) if arm}
 
     # Contacts between things that are no arms, and within an arm, are not looked at.

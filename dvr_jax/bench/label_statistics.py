@@ -30,7 +30,9 @@ def count_verdicts(rows: Sequence[Mapping[str, Any]]) -> list[VerdictCounts]:
     confirmed: dict[str, list[bool]] = defaultdict(list)
     for row in rows:
         confirmed[row["verdict"]].append(bool(row["confirmed"]))
-    return [VerdictCounts(name, sum(flags), len(flags)) for name, flags in sorted(confirmed.items())]
+    return [
+        VerdictCounts(name, sum(flags), len(flags)) for name, flags in sorted(confirmed.items())
+    ]
 
 
 def infeasible_share(counts: Sequence[VerdictCounts], totals: Mapping[str, int]) -> float | None:

@@ -41,6 +41,7 @@ from dvr_jax.planning.path_motion import interpolate
 from dvr_jax.runtime.processes import worker_processes
 from dvr_jax.scene.types import Scene
 from dvr_jax.solver.lane_pool import NlpSolution
+from dvr_jax.workcell.model import workcell_model
 
 FEASIBLE_KEYFRAMES = 8
 """Feasible keyframes from which the oracle starts its paths."""
@@ -107,7 +108,7 @@ def oracle_verdict(scene: Scene, label: Label, generator: np.random.Generator) -
         motion = interpolate(scene, problem, path.q, path.m)
         return check_motion(scene, actions, motion).passed
 
-    return oracle_path(problem, found, generator, accept)
+    return oracle_path(workcell_model(scene.workcell), problem, found, generator, accept)
 
 
 def draw_labels(options: LabelsOptions) -> tuple[list[Drawn], Counter[str]]:
@@ -144,7 +145,9 @@ def run(arguments: list[str]) -> int:
     drawn, totals = draw_labels(options)
 
     # The checksum ties the rows to this very draw from these very labels.
-    checksum = hashlib.sha256(repr([(item.folder, item.label) for item in drawn]).encode()).hexdigest()[:16]
+    checksum = hashlib.sha256(
+        repr([(item.folder, item.label) for item in drawn]).encode()
+    ).hexdigest()[:16]
     header = {"labels": options.labels, "seed": options.seed, "drawn": checksum}
     results = ResultsFile(options.out, header, of="label", facts={"totals": dict(totals)})
 
@@ -197,7 +200,9 @@ def _print_refuted(row: Row) -> None:
 def _print_table(rows: list[Row], totals: Counter[str]) -> None:
     for counts in count_verdicts(rows):
         judged = f"{counts.confirmed:>5} of {counts.judged:>5}"
-        print(f"{counts.verdict:<24} {judged} confirmed ({counts.share:.1%}), of {totals[counts.verdict]:,} labels")
+        print(
+            f"{counts.verdict:<24} {judged} confirmed ({counts.share:.1%}), of {totals[counts.verdict]:,} labels"
+        )
 
     again = [row["planned again"] for row in rows if row["planned again"] is not None]
     if again:

@@ -62,7 +62,9 @@ class MetricsFile:
         for metric in self.metrics:
             if metric.metric == name:
                 return metric.value
-        raise DvrError(f"the results of the benchmark {self.benchmark} have no metric '{name}'; run it again.")
+        raise DvrError(
+            f"the results of the benchmark {self.benchmark} have no metric '{name}'; run it again."
+        )
 
 
 def save_metrics(path: Path, benchmark: str, metrics: Sequence[Metric]) -> None:
@@ -112,4 +114,6 @@ def load_metrics(path: Path) -> MetricsFile:
             metrics=metrics,
         )
     except (ValueError, LookupError, TypeError) as error:
-        raise DvrError(f"{path} holds no metrics of a benchmark ({error}); valid is what --out writes.") from None
+        raise DvrError(
+            f"{path} holds no metrics of a benchmark ({error}); valid is what --out writes."
+        ) from None

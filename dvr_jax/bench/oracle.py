@@ -15,15 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvr_jax.logic import Action
-from dvr_jax.nlp.problem import Problem, Variables
+from dvr_jax.nlp.problem import Problem, Variables, number_of_phases
 from dvr_jax.nlp.transcription import transcribe
+from dvr_jax.operators.grasp import PITCH_RANGE
 from dvr_jax.scene.types import Scene
-from dvr_jax.seeds.initial_paths import path_problem, path_start
-from dvr_jax.seeds.proposals import PITCH_RANGE
+from dvr_jax.seeds.initial_paths import initial_path, path_problem
 from dvr_jax.solver.augmented_lagrangian import Settings
 from dvr_jax.solver.lane_pool import NlpSolution, solve
-from dvr_jax.workcell.constants import TABLE_HALF_EXTENTS
-from dvr_jax.workcell.kinematics import load_arm
+from dvr_jax.workcell.model import WorkcellModel, workcell_model
+from dvr_jax.workcell.workcell import Table
 
 STARTS = 64
 """Starts of the oracle."""
@@ -40,52 +40,59 @@ NEAR_HOME = 0.5
 DETOUR = 0.4
 """Size of the random detour of the oracle's paths [rad]."""
 
-SUPPORT_SHARE = 0.8
+SUPPORT_FRACTION = 0.8
 """Share of a support's half extents that random placements are drawn from."""
 
 Floats = NDArray[np.float64]
 
 
-def random_keyframes(problem: Problem, generator: np.random.Generator) -> Variables:
+def random_keyframes(
+    model: WorkcellModel, problem: Problem, generator: np.random.Generator
+) -> Variables:
     """Draw joint angles near home or anywhere within the limits, and mode parameters anywhere within their bounds.
 
     Args:
+        model: arms of the workcell.
         problem: the keyframe problem.
         generator: of the draw.
 
     Returns:
         Joint angles (K, joints) [rad] and mode parameters (K, 4).
     """
-    K = len(problem.is_grasp)
-    lower, upper = np.tile(load_arm().joint_limits, 2)
+    K = number_of_phases(problem)
+    lower, upper = np.tile(model.joint_limits, model.structure.number_of_arms)
 
     # Half of the starts are near home, since most solutions are; the others keep 10 % away from the joint limits.
     near = problem.home + generator.normal(size=(K, len(lower))) * NEAR_HOME
-    anywhere = generator.uniform(0.9 * lower + 0.1 * upper, 0.1 * lower + 0.9 * upper, (K, len(lower)))
+    anywhere = generator.uniform(
+        0.9 * lower + 0.1 * upper, 0.1 * lower + 0.9 * upper, (K, len(lower))
+    )
     q = np.clip(near if generator.random() < 0.5 else anywhere, lower, upper)
 
     m = np.zeros((K, 4))
     for k in range(K):
-        if problem.is_grasp[k] > 0:
-            m[k] = _random_grasp(problem, k, generator)
-        else:
+        if problem.on_support[k] > 0:
             m[k] = _random_placement(problem, k, generator)
+        else:
+            m[k] = _random_grasp(problem, k, generator)
     return Variables(jnp.asarray(q), jnp.asarray(m))
 
 
 def _random_grasp(problem: Problem, k: int, generator: np.random.Generator) -> Floats:
     """Mode parameters of a grasp, anywhere within their bounds."""
     widest = np.array([1.0, 1.0, PITCH_RANGE, math.pi])
-    lower = np.maximum(problem.lower[k], -widest)
-    upper = np.minimum(problem.upper[k], widest)
+    lower = np.maximum(problem.parameter_lower[k], -widest)
+    upper = np.minimum(problem.parameter_upper[k], widest)
     return generator.uniform(lower, upper)
 
 
 def _random_placement(problem: Problem, k: int, generator: np.random.Generator) -> Floats:
     """Mode parameters of a placement, anywhere on the inner part of its support and at any yaw."""
-    half_x, half_y = TABLE_HALF_EXTENTS
+    half_x, half_y = Table().half_extents
     x, y, yaw, side, front = problem.support[k]
-    spread = generator.uniform(-1, 1, 2) * (min(side, half_x), min(front, half_y)) * SUPPORT_SHARE
+    spread = (
+        generator.uniform(-1, 1, 2) * (min(side, half_x), min(front, half_y)) * SUPPORT_FRACTION
+    )
     c = math.cos(yaw)
     s = math.sin(yaw)
 
@@ -113,11 +120,12 @@ def oracle_keyframes(
     Returns:
         The feasible keyframes, none where no start leads to any.
     """
+    model = workcell_model(scene.workcell)
     problem = transcribe(scene, actions)
     found: list[NlpSolution] = []
     for _ in range(STARTS // STARTS_TOGETHER):
-        starts = [random_keyframes(problem, generator) for _ in range(STARTS_TOGETHER)]
-        results = solve([problem] * STARTS_TOGETHER, starts, ORACLE)
+        starts = [random_keyframes(model, problem, generator) for _ in range(STARTS_TOGETHER)]
+        results = solve(model, [problem] * STARTS_TOGETHER, starts, ORACLE)
         found += [result for result in results if result.feasible]
         if len(found) >= enough:
             break
@@ -125,6 +133,7 @@ def oracle_keyframes(
 
 
 def oracle_path(
+    model: WorkcellModel,
     problem: Problem,
     keyframes: Sequence[NlpSolution],
     generator: np.random.Generator,
@@ -136,6 +145,7 @@ def oracle_path(
     phase.
 
     Args:
+        model: arms of the workcell.
         problem: the problem of the keyframes.
         keyframes: feasible keyframes, taken in turn.
         generator: of the detours.
@@ -146,9 +156,11 @@ def oracle_path(
     """
     for number in range(STARTS):
         chosen = keyframes[number % len(keyframes)]
-        start = path_start(problem, Variables(jnp.asarray(chosen.q), jnp.asarray(chosen.m)))
+        start = initial_path(
+            model, problem, Variables(jnp.asarray(chosen.q), jnp.asarray(chosen.m))
+        )
         start = _add_detour(start, DETOUR * (number >= len(keyframes)), generator)
-        (path,) = solve([path_problem(problem, start)], [start], ORACLE)
+        (path,) = solve(model, [path_problem(problem, start)], [start], ORACLE)
         if path.feasible and accept(path):
             return True
     return False

@@ -12,7 +12,6 @@ from functools import partial
 from typing import Any, Generic, TypeVar
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from dvr_jax.bench.peer_tables import FINER
@@ -28,8 +27,8 @@ from dvr_jax.bench.recall import judge_prefix
 from dvr_jax.bench.results_file import Row
 from dvr_jax.checker.replay import check_motion
 from dvr_jax.logic import Action
+from dvr_jax.nlp.evaluation import relative_violation
 from dvr_jax.nlp.problem import Problem, Variables
-from dvr_jax.nlp.tolerances import PENETRATION_TOLERANCE
 from dvr_jax.nlp.transcription import transcribe
 from dvr_jax.planning.path_motion import interpolate
 from dvr_jax.runtime.batch_sizes import batch_sizes
@@ -38,10 +37,11 @@ from dvr_jax.scene.types import Scene
 from dvr_jax.search.node import Node
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import run_alone
-from dvr_jax.seeds.initial_paths import STEPS_PER_PHASE, path_problem, path_start
+from dvr_jax.seeds.initial_paths import STEPS_PER_PHASE, initial_path, path_problem
 from dvr_jax.solver.augmented_lagrangian import Settings
-from dvr_jax.solver.iteration import judge, lay_out_chunks, measure_chunk, start
+from dvr_jax.solver.iteration import evaluate_trials, initial_states, lay_out_chunks, measure_chunk
 from dvr_jax.solver.lane_pool import NlpSolution, solve, stack
+from dvr_jax.workcell.model import WorkcellModel, workcell_model
 
 _T = TypeVar("_T")
 
@@ -70,13 +70,14 @@ def time_call(call: Callable[[], _T]) -> Timed[_T]:
     )
 
 
-_judge = Program(judge)
+_evaluate = Program(evaluate_trials)
 
 
-def judge_point(problem: Problem, x: Variables) -> dict[str, float]:
+def judge_point(model: WorkcellModel, problem: Problem, x: Variables) -> dict[str, float]:
     """Measure our violations at a point.
 
     Args:
+        model: arms of the workcell.
         problem: keyframe problem of the sequence.
         x: keyframes, or a path with several slices a phase.
 
@@ -93,22 +94,21 @@ def judge_point(problem: Problem, x: Variables) -> dict[str, float]:
     lanes = batch_sizes().chunk // K if T == K else batch_sizes().path_lanes
     settings = jax.tree.map(np.asarray, Settings())
     batch: Problem = stack([problem] * lanes)
-    states = start(batch, stack([x] * lanes), settings)
-    chunks = tuple(measure_chunk(chunk) for chunk in lay_out_chunks(batch, states.x))
-    seen, _ = _judge(batch, settings, states, chunks)
-    values = {name: float(value[0]) for name, value in seen.violations._asdict().items()}
+    states = initial_states(model, batch, stack([x] * lanes), settings)
+    chunks = tuple(measure_chunk(model, chunk) for chunk in lay_out_chunks(batch, states.x))
+    trials, _ = _evaluate(model, batch, settings, states, chunks)
+    values = {name: float(value[0]) for name, value in trials.violations.items()}
 
     # The last sample of each interval is its slice; penetrations elsewhere are left out of the second ratio.
-    M = problem.share.shape[1]
+    M = problem.sample_fraction.shape[1]
     distances = np.concatenate([np.asarray(chunk.distance) for chunk in chunks])[: T * M]
     deepest_at_slices = max(0.0, -float(distances[M - 1 :: M].min()))
-    without = seen.violations._replace(penetration=jnp.zeros(lanes))
-    ratio_at_slices = max(float(without.ratio()[0]), deepest_at_slices / PENETRATION_TOLERANCE)
+    at_slices = {**values, "penetration": deepest_at_slices}
 
     return {
         **values,
-        "ratio": float(seen.violations.ratio()[0]),
-        "ratio at slices": ratio_at_slices,
+        "ratio": float(relative_violation(values)),
+        "ratio at slices": float(relative_violation(at_slices)),
     }
 
 
@@ -117,7 +117,9 @@ def _passes(scene: Scene, actions: Sequence[Action], problem: Problem, q: Any, m
     return check_motion(scene, actions, motion).passed
 
 
-def _our_keyframes(scene: Scene, actions: Sequence[Action], seed: int) -> tuple[SequenceTree, Node, Row]:
+def _our_keyframes(
+    scene: Scene, actions: Sequence[Action], seed: int
+) -> tuple[SequenceTree, Node, Row]:
     """The sequence bound: a beam for every prefix, and NLPs where no candidate is feasible."""
     # The first time compiles.
     for _ in range(2):
@@ -145,7 +147,7 @@ def _our_path(scene: Scene, node: Node, find: Callable[[], NlpSolution]) -> Row:
         "seconds": timed.cpu_seconds,
         "wall seconds": timed.wall_seconds,
         "iterations": path.iterations,
-        "ratio": path.ratio,
+        "ratio": path.relative_violation,
         "passed": path.feasible and _passes(scene, node.actions, node.problem, path.q, path.m),
     }
 
@@ -153,9 +155,9 @@ def _our_path(scene: Scene, node: Node, find: Callable[[], NlpSolution]) -> Row:
 def _path_at_slices(tree: SequenceTree, node: Node) -> NlpSolution:
     """Our path with distances at its slices alone."""
     assert node.problem is not None
-    initial = path_start(node.problem, tree.solver.path_keyframes(node)[0])
+    initial = initial_path(tree.solver.model, node.problem, tree.solver.path_keyframes(node)[0])
     problem = path_problem(node.problem, initial, samples=1)
-    return solve([problem], [initial], tree.solver.settings)[0]
+    return solve(tree.solver.model, [problem], [initial], tree.solver.settings)[0]
 
 
 def _peer_row(solved: PeerSolution) -> Row:
@@ -181,7 +183,7 @@ def _peer_path(
     x = to_variables(problem, actions, solved)
     row = _peer_row(solved)
     if steps == STEPS_PER_PHASE:
-        row["our measure"] = judge_point(problem, x)
+        row["our measure"] = judge_point(workcell_model(peer.scene.workcell), problem, x)
     row["passed"] = solved.feasible and _passes(peer.scene, actions, problem, x.q, x.m)
     return row
 
@@ -202,7 +204,7 @@ def compare(peer: PeerScene, actions: Sequence[Action], seed: int) -> Row:
 
     tree, node, ours = _our_keyframes(scene, actions, seed)
     keyframes = solve_peer(peer, build_keyframes(peer, actions), seed)
-    measured = judge_point(problem, to_variables(problem, actions, keyframes))
+    measured = judge_point(tree.solver.model, problem, to_variables(problem, actions, keyframes))
     theirs = {**_peer_row(keyframes), "our measure": measured}
 
     paths: Row = {}
@@ -211,7 +213,9 @@ def compare(peer: PeerScene, actions: Sequence[Action], seed: int) -> Row:
         paths["ours at slices"] = _our_path(scene, node, lambda: _path_at_slices(tree, node))
     if keyframes.feasible:
         paths["robotic"] = _peer_path(peer, actions, problem, keyframes, STEPS_PER_PHASE, seed)
-        paths["robotic finer"] = _peer_path(peer, actions, problem, keyframes, FINER * STEPS_PER_PHASE, seed)
+        paths["robotic finer"] = _peer_path(
+            peer, actions, problem, keyframes, FINER * STEPS_PER_PHASE, seed
+        )
 
     return {
         "keyframes": {"ours": ours, "robotic": theirs},

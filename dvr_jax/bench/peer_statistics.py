@@ -79,7 +79,9 @@ class SideBySide:
     """Those of `robotic`."""
 
 
-def compare_sides(rows: Sequence[Mapping[str, Any]], kind: str, ours_name: str, theirs_name: str) -> SideBySide:
+def compare_sides(
+    rows: Sequence[Mapping[str, Any]], kind: str, ours_name: str, theirs_name: str
+) -> SideBySide:
     """Count the verdicts and take the median times of problems of one kind.
 
     Args:

@@ -34,11 +34,17 @@ def print_tables(rows: Sequence[dict[str, Any]]) -> None:
 
 
 def _print_table(rows: Sequence[dict[str, Any]], comparison: Comparison) -> None:
-    last = "by our measure" if comparison.kind == "keyframes" else "by our measure    | check: ours | robotic's"
+    last = (
+        "by our measure"
+        if comparison.kind == "keyframes"
+        else "by our measure    | check: ours | robotic's"
+    )
     verdicts = f"{'count':>5} {'both':>5} {'ours':>5} {'robotic':>8} {'neither':>8}"
     times = f"{'ours':>7} {'robotic':>8} {'ratio':>6}"
     print(f"\n{comparison.title}")
-    print(f"{'':<10}{'':>5} {'feasible in':<29} | {'both feasible':<23} | {'both infeasible':<23} |")
+    print(
+        f"{'':<10}{'':>5} {'feasible in':<29} | {'both feasible':<23} | {'both infeasible':<23} |"
+    )
     print(f"{'':<10}{verdicts} | {times} | {times} | {last}")
 
     # Paths: of what at least one of the two has tried.
@@ -68,7 +74,9 @@ def _format_line(sides: SideBySide, kind: str) -> str:
 def _format_measures(sides: SideBySide, kind: str) -> str:
     """Number of `robotic`'s solutions that are within our tolerances."""
     names = ("ratio",) if kind == "keyframes" else ("ratio", "ratio at slices")
-    measured = [solution["our measure"] for solution in sides.their_solutions if "our measure" in solution]
+    measured = [
+        solution["our measure"] for solution in sides.their_solutions if "our measure" in solution
+    ]
 
     within: list[str] = []
     for name in names:

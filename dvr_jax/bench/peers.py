@@ -84,7 +84,9 @@ def draw_sequence(
     actions: list[Action] = []
     state = grounding.initial_state
     for left in range(length - 1, -1, -1):
-        extension = random_extension(grounding, scene, state, partial(_reaches, grounding, left), generator)
+        extension = random_extension(
+            grounding, scene, state, partial(_reaches, grounding, left), generator
+        )
         if extension is None:
             return None
         action, state = extension
@@ -113,7 +115,9 @@ def solve_scene(options: PeersOptions, index: int) -> list[Row]:
 
     rows = []
     for length in LENGTHS:
-        drawn = [draw_sequence(tree.grounding, scene, length, generator) for _ in range(options.drawn)]
+        drawn = [
+            draw_sequence(tree.grounding, scene, length, generator) for _ in range(options.drawn)
+        ]
         found = [node.actions for node in find_sequences(tree, length, options.found, generator)]
 
         # A sequence that is both drawn and found counts as drawn, and is solved once.

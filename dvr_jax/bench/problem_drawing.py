@@ -18,7 +18,8 @@ import tyro
 from dvr_jax.bench.oracle import oracle_keyframes, oracle_path
 from dvr_jax.bench.problems import PROBLEMS, read_rows
 from dvr_jax.logic import Action, Grounding
-from dvr_jax.nlp.transcription import refute, transcribe
+from dvr_jax.nlp.transcription import transcribe
+from dvr_jax.operators import OPERATORS, ground_scene, refute
 from dvr_jax.runtime.files import write_whole
 from dvr_jax.runtime.processes import worker_processes
 from dvr_jax.scene.files import scene_to_json
@@ -27,6 +28,7 @@ from dvr_jax.scene.types import Scene
 from dvr_jax.search.node import Node
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import run_alone
+from dvr_jax.workcell.model import workcell_model
 
 TRIES = 40
 """Actions tried to extend a prefix before another scene is drawn."""
@@ -119,7 +121,7 @@ def random_extension(
     for index in generator.permutation(list(grounding.applicable(state))):
         action = grounding.actions[index]
         after = grounding.successor(state, int(index))
-        if keep(after) and refute(scene, action) is None:
+        if keep(after) and refute(scene, action, OPERATORS) is None:
             return action, after
     return None
 
@@ -143,7 +145,9 @@ def draw_keyframe_problem(seed: int, index: int, length: int) -> dict[str, objec
             return row
 
 
-def _draw_prefix(scene: Scene, length: int, generator: np.random.Generator) -> dict[str, object] | None:
+def _draw_prefix(
+    scene: Scene, length: int, generator: np.random.Generator
+) -> dict[str, object] | None:
     """Extend a prefix by random feasible actions up to a length; None after `TRIES` actions, or at a dead end."""
     grounding = ground_scene(scene)
     actions: list[Action] = []
@@ -169,7 +173,9 @@ def _draw_prefix(scene: Scene, length: int, generator: np.random.Generator) -> d
     return None
 
 
-def find_sequences(tree: SequenceTree, length: int, number: int, generator: np.random.Generator) -> list[Node]:
+def find_sequences(
+    tree: SequenceTree, length: int, number: int, generator: np.random.Generator
+) -> list[Node]:
     """Find some sequences of a length that reach the goal and whose keyframes the tree finds feasible.
 
     Args:
@@ -184,7 +190,9 @@ def find_sequences(tree: SequenceTree, length: int, number: int, generator: np.r
     nodes = [tree.root]
     for left in range(length - 1, -1, -1):
         expanded = [child for node in nodes for child in tree.expand(node)]
-        children = [child for child in expanded if tree.grounding.reaches_goal_in(child.state, left)]
+        children = [
+            child for child in expanded if tree.grounding.reaches_goal_in(child.state, left)
+        ]
         chosen = [children[i] for i in generator.permutation(len(children))[:WIDTH]]
         run_alone(tree.judge_sequences(chosen))
 
@@ -213,7 +221,12 @@ def draw_path_problem(seed: int, index: int, length: int) -> dict[str, object]:
         for node in find_sequences(SequenceTree(scene, length), length, 1, generator):
             keyframes = oracle_keyframes(scene, node.actions, generator, FEASIBLE_KEYFRAMES)
             if keyframes:
-                feasible = oracle_path(transcribe(scene, node.actions), keyframes, generator)
+                feasible = oracle_path(
+                    workcell_model(scene.workcell),
+                    transcribe(scene, node.actions),
+                    keyframes,
+                    generator,
+                )
                 return _row(scene, node.actions, feasible)
 
 

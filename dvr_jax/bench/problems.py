@@ -33,7 +33,9 @@ def read_rows(path: Path | Traversable) -> list[dict[str, Any]]:
         rows = [json.loads(line) for line in whole.splitlines()]
         return sorted(rows, key=lambda row: (row["kind"], row["index"]))
     except (ValueError, LookupError, TypeError) as error:
-        raise DvrError(f"{path} holds no problems ({error}); valid is what bench oracle writes.") from None
+        raise DvrError(
+            f"{path} holds no problems ({error}); valid is what bench oracle writes."
+        ) from None
 
 
 def read_problems(

@@ -33,10 +33,14 @@ from dvr_jax.bench.rai_scene import (
     object_frame,
     rotation_of,
 )
-from dvr_jax.logic import ARMS, FACES, Action, object_of
-from dvr_jax.nlp.problem import HELD_LEFT, Problem, Variables
-from dvr_jax.nlp.transcription import GRASP_MARGIN, PITCH_LIMIT
+from dvr_jax.logic import Action
+from dvr_jax.modes.mode import ModeKind
+from dvr_jax.nlp.problem import Problem, Variables
+from dvr_jax.nlp.transcription import walk
+from dvr_jax.operators import OPERATORS, object_of
+from dvr_jax.operators.grasp import GRASP_MARGIN, PITCH_LIMIT
 from dvr_jax.scene.types import SceneObject
+from dvr_jax.shapes import FACES
 
 UNTIL_THE_END = -1.0
 """Time at which a mode ends that lasts as long as the motion."""
@@ -82,7 +86,9 @@ def build_keyframes(peer: PeerScene, actions: Sequence[Action]) -> Any:
     return komo
 
 
-def build_path(peer: PeerScene, actions: Sequence[Action], keyframes: PeerSolution, steps: int) -> Any:
+def build_path(
+    peer: PeerScene, actions: Sequence[Action], keyframes: PeerSolution, steps: int
+) -> Any:
     """Build its path problem, started from its keyframes.
 
     Args:
@@ -99,31 +105,15 @@ def build_path(peer: PeerScene, actions: Sequence[Action], keyframes: PeerSoluti
     komo.addControlObjective([], 2, 1e-1)
     _add_constraints(ry, komo, peer, actions)
 
-    givers = _givers(actions)
-    for k, (action, giver) in enumerate(zip(actions, givers, strict=True), start=1):
-        resting = {ARMS.index(action.arguments[0])}
-        if giver is not None:
-            resting.add(giver)
-
+    _, switches = walk(peer.scene, actions, (), OPERATORS)
+    for k, switch in enumerate(switches, start=1):
         # All arms rest at the end.
-        if k == len(actions):
-            resting = set(range(len(ARMS)))
-        for arm in resting:
+        at_rest = switch.arms_at_rest if k < len(actions) else range(len(peer.joints))
+        for arm in at_rest:
             komo.addObjective([k], ry.FS.qItself, list(peer.joints[arm]), ry.OT.eq, [1e1], [], 1)
 
     komo.initWithWaypoints(keyframes.waypoints, 1, True)
     return komo
-
-
-def _givers(actions: Sequence[Action]) -> list[int | None]:
-    """The arm that each action takes its object from, or None where it stands on a support."""
-    holders: dict[str, int | None] = {}
-    givers = []
-    for action in actions:
-        name = object_of(action)
-        givers.append(holders.get(name))
-        holders[name] = ARMS.index(action.arguments[0]) if action.operator == "grasp" else None
-    return givers
 
 
 def _add_constraints(ry: Any, komo: Any, peer: PeerScene, actions: Sequence[Action]) -> None:
@@ -131,15 +121,16 @@ def _add_constraints(ry: Any, komo: Any, peer: PeerScene, actions: Sequence[Acti
     komo.addObjective([], ry.FS.accumulatedCollisions, [], ry.OT.eq, [1e1])
     komo.addObjective([], ry.FS.jointLimits, [], ry.OT.ineq, [1e0])
 
+    names = [object_of(action, OPERATORS) for action in actions]
     moved: set[str] = set()
     for k, action in enumerate(actions, start=1):
         # A mode lasts until the next action on the same object.
-        name = object_of(action)
-        later = [j for j, other in enumerate(actions, start=1) if j > k and object_of(other) == name]
+        name = names[k - 1]
+        later = [j for j, other in enumerate(names, start=1) if j > k and other == name]
         times = [float(k), float(later[0]) if later else UNTIL_THE_END]
 
         n = peer.scene.object_index(name)
-        gripper = gripper_frame(ARMS.index(action.arguments[0]))
+        gripper = gripper_frame(peer.scene.workcell.arm_index(action.arguments[0]))
         body = object_frame(n)
         is_first = name not in moved
         if action.operator == "grasp":
@@ -153,7 +144,9 @@ def _add_constraints(ry: Any, komo: Any, peer: PeerScene, actions: Sequence[Acti
     komo.addQuaternionNorms()
 
 
-def _add_grasp(ry: Any, komo: Any, item: SceneObject, face: str, k: int, gripper: str, body: str) -> None:
+def _add_grasp(
+    ry: Any, komo: Any, item: SceneObject, face: str, k: int, gripper: str, body: str
+) -> None:
     """Keep the gripper's center in the object's middle plane and its closing axis along the face's normal."""
     index = FACES.index(face)
     normal_axis = index % 2
@@ -241,10 +234,9 @@ def to_variables(problem: Problem, actions: Sequence[Action], solved: PeerSoluti
         t = (k + 1) * steps - 1
         n = int(problem.switched_object[k])
         object_pose = solved.poses[object_frame(n)][t]
-        if problem.is_grasp[k] > 0:
-            arm = int(problem.attachment[k + 1, n]) - HELD_LEFT
-            hand_pose = solved.poses[gripper_frame(arm)][t]
-            m[k, :3] = _grasp_parameters(object_pose, hand_pose, float(problem.face_yaw[k]))
+        if problem.mode_kind[k + 1, n] == ModeKind.HELD:
+            hand_pose = solved.poses[gripper_frame(int(problem.acting_arm[k]))][t]
+            m[k, :3] = _grasp_parameters(object_pose, hand_pose, float(problem.closing_yaw[k]))
         else:
             m[k, :3] = _placement_parameters(object_pose)
     return Variables(jnp.asarray(solved.q), jnp.asarray(m))

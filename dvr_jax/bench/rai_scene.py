@@ -20,13 +20,8 @@ from numpy.typing import NDArray
 
 from dvr_jax.errors import DvrError
 from dvr_jax.scene.types import Scene, SceneObject
-from dvr_jax.workcell.constants import (
-    ARM_NAMES,
-    FINGER_OPEN,
-    NUMBER_OF_JOINTS,
-    TABLE_HALF_EXTENTS,
-)
-from dvr_jax.workcell.kinematics import base_pose, load_arm
+from dvr_jax.workcell.robot import Robot
+from dvr_jax.workcell.workcell import Arm, base_rotation
 
 Floats = NDArray[np.float64]
 
@@ -104,7 +99,7 @@ def object_frame(n: int) -> str:
 
 def gripper_frame(arm: int) -> str:
     """Name an arm's gripper frame, whose axes and origin are those of our own model."""
-    return f"{ARM_NAMES[arm]}_gripper"
+    return f"arm{arm}_gripper"
 
 
 def build_peer_scene(scene: Scene) -> PeerScene:
@@ -118,13 +113,16 @@ def build_peer_scene(scene: Scene) -> PeerScene:
 
     ry = load_robotic()
     config = ry.Config()
-    half_x, half_y = TABLE_HALF_EXTENTS
+    half_x, half_y = scene.workcell.table.half_extents
     table_size = (2 * half_x, 2 * half_y)
     table = config.addFrame("table")
     table.setPosition([0.0, 0.0, -CLEARANCE - TABLE_BODY / 2])
     table.setShape(ry.ST.ssBox, [*table_size, TABLE_BODY, TABLE_ROUNDING]).setContact(1)
 
-    joints = tuple(_add_arm(ry, config, arm) for arm in range(len(ARM_NAMES)))
+    robot = scene.workcell.robot
+    joints = tuple(
+        _add_arm(ry, config, robot, index, arm) for index, arm in enumerate(scene.workcell.arms)
+    )
 
     region = scene.goal.region
     _add_support(ry, config, "support_table", (0.0, 0.0, 0.0), table_size)
@@ -154,9 +152,9 @@ def _yaw_quaternion(yaw: float) -> list[float]:
     return [math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)]
 
 
-def _add_arm(ry: Any, config: Any, a: int) -> tuple[str, ...]:
+def _add_arm(ry: Any, config: Any, robot: Robot, index: int, arm: Arm) -> tuple[str, ...]:
     """Add a Panda with our capsules, and give the names of its joints."""
-    prefix = f"{ARM_NAMES[a]}_"
+    prefix = f"arm{index}_"
     config.addFile(ry.raiPath("panda/panda_arm_hand_conv.yml"), prefix)
     frames = [frame for frame in config.getFrames() if frame.name.startswith(prefix)]
     for frame in reversed(frames):
@@ -168,37 +166,29 @@ def _add_arm(ry: Any, config: Any, a: int) -> tuple[str, ...]:
 
     # With the table as its parent the column does not meet it.
     base = config.getFrame(f"{prefix}panda_link0")
-    R, p = base_pose(a)
     base.setParent(config.getFrame("table"))
-    base.setPose([*p, *quaternion_of(R)])
+    base.setPose([*arm.position, 0.0, *quaternion_of(base_rotation(arm))])
 
-    joints = [f"{prefix}panda_joint{i + 1}" for i in range(NUMBER_OF_JOINTS)]
+    joints = [f"{prefix}panda_joint{i + 1}" for i in range(robot.number_of_joints)]
     links = [f"{prefix}panda_link0", *joints]
-    _add_capsules(ry, config, prefix, links)
+    _add_capsules(ry, config, robot, prefix, links)
 
-    arm = load_arm()
-    gripper = config.addFrame(gripper_frame(a), links[-1])
-    gripper.setRelativePose([*arm.gripper_center, *quaternion_of(arm.hand_rotation)])
+    gripper = config.addFrame(gripper_frame(index), links[-1])
+    gripper.setRelativePose([*robot.gripper_center, *quaternion_of(robot.hand_rotation)])
     return tuple(joints)
 
 
-def _add_capsules(ry: Any, config: Any, prefix: str, links: list[str]) -> None:
+def _add_capsules(ry: Any, config: Any, robot: Robot, prefix: str, links: list[str]) -> None:
     """Add our collision capsules to the links of an arm, with open fingers."""
-    arm = load_arm()
-    capsules = zip(
-        arm.capsule_names,
-        arm.capsule_links,
-        *arm.capsule_ends,
-        arm.capsule_radii,
-        arm.capsule_finger_directions,
-        strict=True,
-    )
-    for name, link, start, end, radius, slide in capsules:
-        offset = slide * FINGER_OPEN
+    capsules = robot.capsules
+    for c, name in enumerate(capsules.names):
+        start = capsules.starts[c]
+        end = capsules.ends[c]
+        offset = capsules.finger_directions[c] * robot.finger_travel
         length = float(np.linalg.norm(end - start))
-        capsule = config.addFrame(prefix + name, links[link])
+        capsule = config.addFrame(prefix + name, links[capsules.links[c]])
         capsule.setRelativePose([*((start + end) / 2 + offset), *_along(end - start)])
-        capsule.setShape(ry.ST.capsule, [length, float(radius)])
+        capsule.setShape(ry.ST.capsule, [length, float(capsules.radii[c])])
         capsule.setContact(_LEVELS.get(name, 1))
 
 

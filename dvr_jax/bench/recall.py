@@ -54,7 +54,9 @@ def run(arguments: list[str]) -> int:
     problems = list(read_problems(options.problems))
 
     with jax.enable_x64(True):
-        judged = run_together([_judge(scene, actions, row["kind"] == "path") for scene, actions, row in problems])
+        judged = run_together(
+            [_judge(scene, actions, row["kind"] == "path") for scene, actions, row in problems]
+        )
         verdicts = dict(judged)
 
     pairs: dict[tuple[str, int], list[tuple[bool, bool]]] = {}
@@ -80,7 +82,9 @@ def run(arguments: list[str]) -> int:
     return 0
 
 
-def judge_prefix(tree: SequenceTree, actions: Sequence[Action], second_look: bool = False) -> Steps[Node]:
+def judge_prefix(
+    tree: SequenceTree, actions: Sequence[Action], second_look: bool = False
+) -> Steps[Node]:
     """Judge a sequence by the sequence bound of each of its prefixes.
 
     Args:
@@ -104,7 +108,9 @@ def judge_prefix(tree: SequenceTree, actions: Sequence[Action], second_look: boo
     return node
 
 
-def _judge(scene: Scene, actions: Sequence[Action], is_path: bool) -> Steps[tuple[bool, CheckReport | None]]:
+def _judge(
+    scene: Scene, actions: Sequence[Action], is_path: bool
+) -> Steps[tuple[bool, CheckReport | None]]:
     """Our verdict on a problem, and what the check says of its first feasible path (None: there is no path)."""
     tree = SequenceTree(scene, k_max=6)
     node = yield from judge_prefix(tree, actions, second_look=True)
@@ -136,7 +142,9 @@ def tabulate(
     """
     table: list[tuple[str, int | str, Counts]] = []
     for kind in KINDS:
-        of_kind = {length: verdicts for (other, length), verdicts in sorted(pairs.items()) if other == kind}
+        of_kind = {
+            length: verdicts for (other, length), verdicts in sorted(pairs.items()) if other == kind
+        }
         for length, verdicts in of_kind.items():
             table.append((kind, length, count_pairs(verdicts)))
         if of_kind:

@@ -60,7 +60,9 @@ def metric_name(kind: str, length: int | str, count: str) -> str:
     return f"{kind} {length}: {count}"
 
 
-def to_metrics(table: Sequence[tuple[str, int | str, Counts]], checked: Sequence[bool]) -> list[Metric]:
+def to_metrics(
+    table: Sequence[tuple[str, int | str, Counts]], checked: Sequence[bool]
+) -> list[Metric]:
     """Turn the table of counts into metrics.
 
     Args:

@@ -70,7 +70,9 @@ def run(arguments: list[str]) -> int:
         changed += 1
         name = path.relative_to(options.repository)
         if options.check:
-            print(f"{name} does not show the committed results; python -m dvr_jax.bench report writes them")
+            print(
+                f"{name} does not show the committed results; python -m dvr_jax.bench report writes them"
+            )
         else:
             write_whole(path, after.encode())
             print(f"{name} written")
@@ -83,7 +85,9 @@ def documents(repository: Path) -> list[Path]:
     return [page for page in pages if page.is_file()]
 
 
-def fill_figures(text: str, results: CommittedResults, document: str, skip_missing: bool = False) -> str:
+def fill_figures(
+    text: str, results: CommittedResults, document: str, skip_missing: bool = False
+) -> str:
     """Replace what is between the markers of a document.
 
     Args:
@@ -109,7 +113,9 @@ def fill_figures(text: str, results: CommittedResults, document: str, skip_missi
         end = text.find(END, match.end())
         following = START.search(text, match.end())
         if end < 0 or (following is not None and following.start() < end):
-            raise DvrError(f"{document}: the figure '{name}' has no end; valid is a marker {END} after it.")
+            raise DvrError(
+                f"{document}: the figure '{name}' has no end; valid is a marker {END} after it."
+            )
 
         old = text[match.end() : end]
         try:

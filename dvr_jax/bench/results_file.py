@@ -92,9 +92,13 @@ class ResultsFile:
             known_options = header["options"]
             self.version = header["versions"].get("dvr_jax", "unknown")
         except (ValueError, LookupError, TypeError) as error:
-            raise DvrError(f"{path} holds no results of a benchmark ({error}); choose another --out.") from None
+            raise DvrError(
+                f"{path} holds no results of a benchmark ({error}); choose another --out."
+            ) from None
         if known_options != options:
-            raise DvrError(f"{path} holds results of other options: {known_options}; choose another --out.")
+            raise DvrError(
+                f"{path} holds results of other options: {known_options}; choose another --out."
+            )
 
         # The options agree, so what was found out about them holds for the rows as well.
         if any(name not in header for name in facts):

@@ -22,6 +22,8 @@ def scenes(results: CommittedResults) -> str:
         key=lambda file: (
             file.options["shape"],
             file.options["objects"],
+            file.options.get("workcell", "facing"),
+            file.options.get("fixed", [0, 0]),
             file.options["seed"],
             list(SEARCH_NAMES).index(file.options["search"]),
         ),
@@ -51,6 +53,10 @@ def _scenes_row(file: RowsFile, name_version: bool) -> list[str]:
     options = file.options
 
     name = f"{len(results):,} of {objects_in_words(options['objects'], options['shape'])}, seed {options['seed']}"
+    if options.get("workcell", "facing") != "facing":
+        name = f"{name}, workcell `{options['workcell']}`"
+    if options.get("fixed", [0, 0]) != [0, 0]:
+        name = f"{name}, {options['fixed'][0]} to {options['fixed'][1]} fixed bodies"
     if name_version:
         name = f"{name} (version {file.origin.version})"
     return [

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
+
+PENETRATION_KEY = "deepest_penetration"
+"""Key of the deepest penetration [m] in a row on disk."""
 
 DESCRIPTIONS_KEY = "words"
 """Key of the action descriptions in a row on disk. Rows since version 0.2 have it, so the name stays."""
@@ -30,6 +34,8 @@ class SceneResult:
     """Feasible paths that the independent check refused."""
     passed: bool
     """Whether the motion passed the independent check."""
+    deepest_penetration: float = math.nan
+    """How far two bodies penetrate at most in the motion [m]; NaN without a plan, and in rows before version 0.9."""
 
     @property
     def solved(self) -> bool:
@@ -81,11 +87,12 @@ class SceneResult:
             verdicts=row["verdicts"],
             rejected=int(row["rejected"]),
             passed=bool(row["passed"]),
+            deepest_penetration=float(row.get(PENETRATION_KEY, math.nan)),
         )
 
     def to_row(self) -> dict[str, Any]:
         """Give the row of a results file."""
-        return {
+        row = {
             "scene": self.scene,
             "status": self.status,
             DESCRIPTIONS_KEY: list(self.action_descriptions),
@@ -95,6 +102,10 @@ class SceneResult:
             "rejected": self.rejected,
             "passed": self.passed,
         }
+        # JSON has no NaN.
+        if not math.isnan(self.deepest_penetration):
+            row[PENETRATION_KEY] = self.deepest_penetration
+        return row
 
 
 def group_by_length(results: Sequence[SceneResult], k_max: int) -> dict[int, list[SceneResult]]:

@@ -7,6 +7,7 @@ goes on where it was.
 from __future__ import annotations
 
 import hashlib
+import math
 import os
 import statistics
 import sys
@@ -24,17 +25,18 @@ from dvr_jax.errors import DvrError
 from dvr_jax.model.predictor import SHIPPED, Predictor, load_network
 from dvr_jax.planning.planner import plan
 from dvr_jax.runtime.processes import worker_processes
+from dvr_jax.scene.distribution import validate_request
 from dvr_jax.scene.sampling import (
     DEFAULT_DISTRIBUTION,
     SceneDistribution,
     ShapeChoice,
     scene_of_seed,
 )
-from dvr_jax.scene.types import Scene
+from dvr_jax.scene.types import MAXIMUM_OBJECTS, Scene
 from dvr_jax.search.searches import GUIDED, SEARCHES
-from dvr_jax.search.session import EXHAUSTED
+from dvr_jax.search.status import PlanStatus
 from dvr_jax.search.warm import warm_up
-from dvr_jax.workcell.constants import MAXIMUM_OBJECTS
+from dvr_jax.workcell.workcell import named_workcell
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,10 @@ class ScenesOptions:
     """Shapes of the objects."""
     cubes: float = DEFAULT_DISTRIBUTION.cube_share
     """Share of the boxes that are small cubes, which one arm cannot hand to the other in the air."""
+    workcell: str = "facing"
+    """facing (the paper's), facing-1.0, facing-1.6, side-by-side or single."""
+    fixed: tuple[int, int] = DEFAULT_DISTRIBUTION.fixed_bodies
+    """Least and largest number of fixed bodies in a scene."""
     seed: int = 1
     """Of the scenes. The shipped networks were trained on seeds 100 to 102."""
     search: str = "mbts"
@@ -84,15 +90,24 @@ class ScenesOptions:
         if not self.time_limit > 0:
             raise DvrError(f"--time-limit is {self.time_limit}; valid is a positive number.")
 
+        validate_request(self.objects, SceneDistribution(fixed_bodies=self.fixed))
+        named_workcell(self.workcell)
+
         if self.search not in SEARCHES:
             raise DvrError(f"there is no search '{self.search}'; valid: {', '.join(SEARCHES)}.")
         if self.search not in GUIDED and self.network is not None:
-            raise DvrError(f"--search {self.search} takes no --network; valid with one: {', '.join(GUIDED)}.")
+            raise DvrError(
+                f"--search {self.search} takes no --network; valid with one: {', '.join(GUIDED)}."
+            )
 
 
 def _scene(options: ScenesOptions, index: int) -> Scene:
-    distribution = SceneDistribution(shape=options.shape, cube_share=options.cubes)
-    return scene_of_seed(options.seed, index, options.objects, distribution)
+    distribution = SceneDistribution(
+        shape=options.shape, cube_share=options.cubes, fixed_bodies=options.fixed
+    )
+    return scene_of_seed(
+        options.seed, index, options.objects, distribution, named_workcell(options.workcell)
+    )
 
 
 @lru_cache(maxsize=1)
@@ -118,12 +133,13 @@ def _plan_one(options: ScenesOptions, index: int) -> SceneResult:
     return SceneResult(
         scene=index,
         status=result.status,
-        action_descriptions=result.words,
+        action_descriptions=result.action_descriptions,
         seconds=result.seconds,
         nlps=result.nlps,
         verdicts=result.verdicts,
         rejected=result.rejected,
         passed=result.report is not None and result.report.passed,
+        deepest_penetration=result.report.deepest_penetration if result.report else math.nan,
     )
 
 
@@ -188,10 +204,14 @@ def run(arguments: list[str]) -> int:
     )
 
     solved = [result for result in results if result.solved]
-    exhausted = sum(result.status == EXHAUSTED for result in results)
+    exhausted = sum(result.status == PlanStatus.EXHAUSTED for result in results)
     passed = sum(result.passed for result in solved)
+    deepest = max((result.deepest_penetration for result in solved), default=0.0)
     late = len(results) - len(solved) - exhausted
-    print(f"solved {len(solved)} ({len(solved) / len(results):.0%}); pass the independent check: {passed}")
+    print(
+        f"solved {len(solved)} ({len(solved) / len(results):.0%}); pass the independent check: {passed}"
+    )
+    print(f"deepest penetration in any plan: {1000 * deepest:.2f} mm")
     print(f"unsolved: {exhausted} with the tree exhausted, {late} at the time limit")
 
     for length, of_length in group_by_length(results, options.k_max).items():

@@ -32,7 +32,8 @@ BASELINE = "mbts"
 """The search that the others' speed-up is over."""
 
 TABLE_HEAD = (
-    "  length scenes   total s   first right   proposed   paths tried   path NLPs   keyframe NLPs (medians; means)"
+    "  length scenes   total s   first right   proposed   paths tried   path NLPs   "
+    "keyframe NLPs (medians; means)"
 )
 
 
@@ -69,7 +70,9 @@ def run(arguments: list[str]) -> int:
 
     tables = {name: _search_scenes(options, name) for name in options.searches}
 
-    print(f"{options.number} scenes of {options.objects} objects (seed {options.seed}), {options.time_limit:g} s each")
+    print(
+        f"{options.number} scenes of {options.objects} objects (seed {options.seed}), {options.time_limit:g} s each"
+    )
     feasible = count_feasible(list(tables.values()))
     for name, table in tables.items():
         _print_search(name, list(table.values()), feasible, options.k_max)
@@ -111,7 +114,9 @@ def _print_search(name: str, results: Sequence[SceneResult], feasible: int, k_ma
     share = ""
     if network_share:
         share = f"; of the time, network {network_share:.1%}, its depth image {stage_share(solved, 'image'):.1%}"
-    print(f"{name}: {len(solved)} solved, {feasible - len(solved)} of the {feasible} feasible scenes not{share}")
+    print(
+        f"{name}: {len(solved)} solved, {feasible - len(solved)} of the {feasible} feasible scenes not{share}"
+    )
 
     print(TABLE_HEAD)
     for length, of_length in group_by_length(solved, k_max).items():

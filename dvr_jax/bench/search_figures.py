@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from dvr_jax.bench.committed import CommittedResults, Origin, RowsFile, describe_origins
 from dvr_jax.bench.figure_cells import (
@@ -43,6 +43,10 @@ COMPARED = ("dvr", "classifier", "mbts")
 """Searches of the main comparison."""
 
 
+LENGTH_HEAD = ("actions of the plan", *map(str, LENGTHS))
+"""Head of the tables by length."""
+
+
 def _search_files(results: CommittedResults) -> dict[str, RowsFile]:
     return {name: results.rows(f"search/{name}.jsonl") for name in COMPARED}
 
@@ -80,21 +84,20 @@ def headline(results: CommittedResults) -> str:
     """Short table beside the paper: seconds, path NLPs and speed-up by length, and the scenes solved."""
     files = _search_files(results)
     groups = groups_of(files["dvr"])
-    head = ["actions of the plan", *map(str, LENGTHS)]
     rows = [
         [
             "seconds from image to checked motion (median)",
             *cells_by_length(groups, median_seconds_cell),
         ],
-        ["… in the paper", *(MEDIAN_SECONDS.get(length, EMPTY) for length in LENGTHS)],
+        _paper_row(MEDIAN_SECONDS),
         ["path NLPs solved (median)", *cells_by_length(groups, _median_paths)],
-        ["… in the paper", *(MEDIAN_PATH_NLPS.get(length, EMPTY) for length in LENGTHS)],
+        _paper_row(MEDIAN_PATH_NLPS),
         ["speed-up over multi-bound tree search (median)", *_speed_up_cells(files)],
-        ["… in the paper", *(str(SPEED_UP.get(length, EMPTY)) for length in LENGTHS)],
+        _paper_row(SPEED_UP),
     ]
     paper = f"{FEASIBLE_SCENES - UNSOLVED['dvr']:,} of {FEASIBLE_SCENES:,}"
     solved_line = f"Feasible scenes solved: {solved(results)} (paper: {paper})."
-    return f"{table(head, rows)}\n\n{solved_line} {describe_origins(_origins(list(files.values())))}"
+    return f"{table(LENGTH_HEAD, rows)}\n\n{solved_line} {describe_origins(_origins(list(files.values())))}"
 
 
 def solved(results: CommittedResults) -> str:
@@ -127,39 +130,30 @@ def search_table(results: CommittedResults) -> str:
 
         # The number of proposals and of NLPs is what the network is for.
         if name == "dvr":
-            rows.append(
-                [
-                    "… in the paper",
-                    *(MEDIAN_SECONDS.get(length, EMPTY) for length in LENGTHS),
-                ]
-            )
-            rows.append([f"{title}: path NLPs, median", *cells_by_length(groups, _median_paths)])
-            rows.append(
-                [
-                    "… in the paper",
-                    *(MEDIAN_PATH_NLPS.get(length, EMPTY) for length in LENGTHS),
-                ]
-            )
-            rows.append([f"{title}: path NLPs, mean", *cells_by_length(groups, _mean_paths)])
-            rows.append(
-                [
-                    f"{title}: sequences proposed, mean",
-                    *cells_by_length(groups, _mean_proposed),
-                ]
-            )
-            rows.append(
-                [
-                    f"{title}: the first sequence proposed is right",
-                    *cells_by_length(groups, _first_right),
-                ]
-            )
+            rows += _network_rows(title, groups)
 
     speed_up = "speed-up of the network over multi-bound tree search, same length by both, median"
     rows.append([speed_up, *_speed_up_cells(files)])
-    rows.append(["… in the paper", *(str(SPEED_UP.get(length, EMPTY)) for length in LENGTHS)])
+    rows.append(_paper_row(SPEED_UP))
 
-    head = ["actions of the plan", *map(str, LENGTHS)]
-    return f"{table(head, rows)}\n\n{describe_origins(_origins(list(files.values())))}"
+    return f"{table(LENGTH_HEAD, rows)}\n\n{describe_origins(_origins(list(files.values())))}"
+
+
+def _network_rows(title: str, groups: dict[int, list[SceneResult]]) -> list[list[str]]:
+    """Rows of the main comparison that only the network has."""
+    return [
+        _paper_row(MEDIAN_SECONDS),
+        [f"{title}: path NLPs, median", *cells_by_length(groups, _median_paths)],
+        _paper_row(MEDIAN_PATH_NLPS),
+        [f"{title}: path NLPs, mean", *cells_by_length(groups, _mean_paths)],
+        [f"{title}: sequences proposed, mean", *cells_by_length(groups, _mean_proposed)],
+        [f"{title}: the first sequence proposed is right", *cells_by_length(groups, _first_right)],
+    ]
+
+
+def _paper_row(values: Mapping[int, object]) -> list[str]:
+    """Row of the paper's values by length, as far as it gives them."""
+    return ["… in the paper", *(str(values.get(length, EMPTY)) for length in LENGTHS)]
 
 
 def search_summary(results: CommittedResults) -> str:
@@ -169,7 +163,9 @@ def search_summary(results: CommittedResults) -> str:
     feasible = count_feasible(list(tables.values()))
 
     options = files["dvr"].options
-    solved_by = [f"{_number_solved(file):,} by {SEARCH_PHRASES[name]}" for name, file in files.items()]
+    solved_by = [
+        f"{_number_solved(file):,} by {SEARCH_PHRASES[name]}" for name, file in files.items()
+    ]
     lines = [
         f"- {len(tables['dvr']):,} scenes of {objects_in_words(options['objects'], options['shape'])} "
         f"(seed {options['seed']}), {options['time_limit']:g} s each. "
@@ -179,7 +175,9 @@ def search_summary(results: CommittedResults) -> str:
     solved_results = [result for result in tables["dvr"].values() if result.solved]
     network = percent(stage_share(solved_results, "network"), 1)
     image = percent(stage_share(solved_results, "image"), 1)
-    lines.append(f"- Of the time in solved scenes, the network takes {network}, the depth image {image}.")
+    lines.append(
+        f"- Of the time in solved scenes, the network takes {network}, the depth image {image}."
+    )
 
     lengths = compare_lengths(tables["dvr"], tables["mbts"])
     lines.append(

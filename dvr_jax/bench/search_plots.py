@@ -46,7 +46,9 @@ def save_plots(path: Path, tables: Mapping[str, Table], k_max: int) -> None:
     try:
         from matplotlib.figure import Figure
     except ImportError:
-        raise DvrError("the plots need matplotlib: pip install '.[plots]' in the repository.") from None
+        raise DvrError(
+            "the plots need matplotlib: pip install '.[plots]' in the repository."
+        ) from None
 
     figure = Figure(figsize=(17, 4), layout="constrained")
     found = {result.length for table in tables.values() for result in table.values()}
@@ -69,7 +71,11 @@ def _draw_panel(axes: Any, panel: Panel, tables: Mapping[str, Table], k_max: int
     width = 0.8 / len(tables)
     for i, (name, table) in enumerate(tables.items()):
         groups = group_by_length(list(table.values()), k_max)
-        values = {length: [panel.value(result) for result in group] for length, group in groups.items() if group}
+        values = {
+            length: [panel.value(result) for result in group]
+            for length, group in groups.items()
+            if group
+        }
         offset = (i - (len(tables) - 1) / 2) * width
         boxes = axes.boxplot(
             list(values.values()),

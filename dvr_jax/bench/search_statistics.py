@@ -58,7 +58,11 @@ def compare_lengths(ours: Table, theirs: Table) -> LengthComparison:
     Returns:
         The counts.
     """
-    both = [scene for scene, result in ours.items() if result.solved and scene in theirs and theirs[scene].solved]
+    both = [
+        scene
+        for scene, result in ours.items()
+        if result.solved and scene in theirs and theirs[scene].solved
+    ]
     return LengthComparison(
         both=len(both),
         longer=sum(ours[scene].length > theirs[scene].length for scene in both),

@@ -48,7 +48,10 @@ def recall(results: CommittedResults) -> str:
     file = results.metrics("recall")
     rows = []
     for kind in KINDS:
-        oracle, ours, both = (_count(file, metric_name(kind, ALL_LENGTHS, name)) for name in ("oracle", "ours", "both"))
+        oracle, ours, both = (
+            _count(file, metric_name(kind, ALL_LENGTHS, name))
+            for name in ("oracle", "ours", "both")
+        )
         rows.append(
             [
                 kind,
@@ -117,7 +120,9 @@ def labels(results: CommittedResults) -> str:
         )
     share = infeasible_share(counts, totals) if totals else None
     if share is not None:
-        sentences.append(f"Weighted by the number of labels, {percent(share, 2)} of the infeasible ones hold.")
+        sentences.append(
+            f"Weighted by the number of labels, {percent(share, 2)} of the infeasible ones hold."
+        )
     sentences.append(describe_origins([file.origin]))
 
     head = ["label", "confirmed by 64 random starts", "share", "labels in the data"]
@@ -154,7 +159,9 @@ def peers(results: CommittedResults) -> str:
         "ours pass the check",
         "`robotic`'s pass",
     ]
-    sentence = f"{len(file.rows)} scenes, `robotic` {file.options['robotic']}, medians of CPU times."
+    sentence = (
+        f"{len(file.rows)} scenes, `robotic` {file.options['robotic']}, medians of CPU times."
+    )
     return f"{table(head, rows)}\n\n{sentence} {describe_origins([file.origin])}"
 
 

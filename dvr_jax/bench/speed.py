@@ -19,19 +19,25 @@ from dvr_jax.bench.problems import read_problems
 from dvr_jax.bench.recall import judge_prefix
 from dvr_jax.bench.speed_metrics import KeyframeTimes, PathTimes, SliceTimes
 from dvr_jax.logic import Action
+from dvr_jax.modes.mode import ModeKind
+from dvr_jax.nlp.problem import number_of_phases
 from dvr_jax.nlp.slices import reduce_slices
 from dvr_jax.nlp.transcription import transcribe
+from dvr_jax.operators import OPERATORS, operator_of
 from dvr_jax.runtime.batch_sizes import batch_sizes
 from dvr_jax.runtime.compilation import Program
 from dvr_jax.scene.sampling import sample_scenes
 from dvr_jax.search.node import Node
-from dvr_jax.search.node_solver import CERTIFIED_PENETRATION
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import run_alone
-from dvr_jax.seeds.initial_paths import keyframe_start, path_problem, path_start
+from dvr_jax.seeds.beam_batches import BeamTask, extend_beams, lane_counts
+from dvr_jax.seeds.initial_paths import initial_path, keyframe_start, path_problem
+from dvr_jax.seeds.keyframe_beam import CERTIFIED_PENETRATION
 from dvr_jax.solver.augmented_lagrangian import Settings
-from dvr_jax.solver.iteration import judge, lay_out_chunks, measure_chunk, start
-from dvr_jax.solver.lane_pool import beam_lanes, extend_beams, solve, stack
+from dvr_jax.solver.iteration import evaluate_trials, initial_states, lay_out_chunks, measure_chunk
+from dvr_jax.solver.lane_pool import solve, stack
+from dvr_jax.workcell.model import workcell_model
+from dvr_jax.workcell.workcell import DEFAULT_WORKCELL
 
 NUMBERS_OF_OBJECTS = (2, 5)
 """Numbers of objects of the slices."""
@@ -91,32 +97,34 @@ def time_slices(number_of_objects: int, repeats: int) -> SliceTimes:
     generator = np.random.default_rng(0)
     (scene,) = sample_scenes(1, number_of_objects, 1)
     name = scene.goal.object
+    arm = scene.workcell.arm_names[0]
     face = "+x" if scene.objects[scene.goal_index].half_extents[0] <= NARROW else "+y"
     actions = [
-        Action("grasp", ("left", face, name)),
-        Action("place", ("left", name, "goal")),
+        Action("grasp", (arm, face, name)),
+        Action("place", (arm, name, "goal")),
     ]
     problem = transcribe(scene, actions)
+    model = workcell_model(scene.workcell)
 
     # As many lanes of two slices each as fill one chunk, the unit that the solver measures at once.
     chunk_size = batch_sizes().chunk
     number_of_lanes = chunk_size // len(actions)
     batch = stack([problem] * number_of_lanes)
     settings = jax.tree.map(np.asarray, Settings())
-    postures = stack([random_keyframes(problem, generator) for _ in range(number_of_lanes)])
-    lanes = start(batch, postures, settings)
-    (chunk,) = lay_out_chunks(batch, lanes.x)
+    postures = stack([random_keyframes(model, problem, generator) for _ in range(number_of_lanes)])
+    states = initial_states(model, batch, postures, settings)
+    (chunk,) = lay_out_chunks(batch, states.x)
 
     # The derivatives are taken with the multipliers that the solver has at this point.
-    measured = measure_chunk(chunk)
-    _, (push,) = Program(judge)(batch, settings, lanes, (measured,))
+    geometry = measure_chunk(model, chunk)
+    _, (active,) = Program(evaluate_trials)(model, batch, settings, states, (geometry,))
     reduce_chunk = Program(reduce_slices)
 
-    values = median_seconds(lambda: measure_chunk(chunk), repeats)
-    derivatives = median_seconds(lambda: reduce_chunk(measured, *push), repeats)
+    values = median_seconds(lambda: measure_chunk(model, chunk), repeats)
+    derivatives = median_seconds(lambda: reduce_chunk(model, geometry, *active), repeats)
     return SliceTimes(
         objects=number_of_objects,
-        rows=measured.distance.shape[1],
+        rows=geometry.distance.shape[1],
         values=values / chunk_size,
         derivatives=derivatives / chunk_size,
     )
@@ -136,23 +144,24 @@ def time_keyframes(nodes: Sequence[Node], length: int) -> KeyframeTimes:
         Times of a prefix.
     """
     batch = [node for node in nodes if node.depth == length]
-    problems = [node.problem for node in batch if node.problem is not None]
-    parents = [node.parent.beam for node in batch if node.parent is not None and node.parent.beam is not None]
+    tasks = [_beam_task(node) for node in batch]
+    lanes = lane_counts(tasks)
+    model = workcell_model(DEFAULT_WORKCELL)
     settings = Settings()
 
     beam_seconds = []
     nlp_seconds = []
     for _ in range(KEYFRAME_REPEATS):
         begin = time.perf_counter()
-        extended = extend_beams(parents, problems, 0, beam_lanes(problems))
+        extended = extend_beams(model, tasks, lanes, 0)
         middle = time.perf_counter()
 
         left = [
-            (problem, keyframe_start(beam, 0, length))
-            for problem, beam in zip(problems, extended, strict=True)
+            (task.problem, keyframe_start(beam, 0, length))
+            for task, beam in zip(tasks, extended, strict=True)
             if beam.violation.min() > CERTIFIED_PENETRATION
         ]
-        results = solve([problem for problem, _ in left], [x for _, x in left], settings)
+        results = solve(model, [problem for problem, _ in left], [x for _, x in left], settings)
         end = time.perf_counter()
 
         beam_seconds.append((middle - begin) / len(batch))
@@ -168,6 +177,15 @@ def time_keyframes(nodes: Sequence[Node], length: int) -> KeyframeTimes:
     )
 
 
+def _beam_task(node: Node) -> BeamTask:
+    """What the beam of a node is sampled from."""
+    assert node.problem is not None and node.parent is not None and node.parent.beam is not None
+    last = number_of_phases(node.problem) - 1
+    before = ModeKind(int(node.problem.mode_kind[last, node.problem.switched_object[last]]))
+    proposal = operator_of(node.actions[-1], OPERATORS).proposal(before)
+    return BeamTask(node.parent.beam, node.problem, proposal)
+
+
 def time_paths(nodes: Sequence[Node], length: int) -> PathTimes:
     """Time path NLPs one by one, from feasible keyframes.
 
@@ -178,6 +196,7 @@ def time_paths(nodes: Sequence[Node], length: int) -> PathTimes:
     Returns:
         Median time of a path.
     """
+    model = workcell_model(DEFAULT_WORKCELL)
     settings = Settings()
     seconds = []
     iterations = []
@@ -185,14 +204,14 @@ def time_paths(nodes: Sequence[Node], length: int) -> PathTimes:
     for node in nodes:
         if node.depth != length or node.problem is None or node.beam is None:
             continue
-        x = path_start(node.problem, keyframe_start(node.beam, 0, length))
+        x = initial_path(model, node.problem, keyframe_start(node.beam, 0, length))
         problem = path_problem(node.problem, x)
 
         # The first time may compile.
-        solve([problem], [x], settings)
+        solve(model, [problem], [x], settings)
 
         begin = time.perf_counter()
-        (result,) = solve([problem], [x], settings)
+        (result,) = solve(model, [problem], [x], settings)
         seconds.append(time.perf_counter() - begin)
         iterations.append(result.iterations)
         feasible += result.feasible

@@ -11,6 +11,7 @@ import tyro
 from dvr_jax.bench.metrics import Direction, Metric, save_metrics
 from dvr_jax.bench.paper import LENGTHS, TABLE_ONE, table_one_cell
 from dvr_jax.logic import count_sequences, ground_actions
+from dvr_jax.workcell.workcell import DEFAULT_WORKCELL
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,9 @@ def run(arguments: list[str]) -> int:
             mark = "" if count == paper else f" (paper {paper:,})"
             cells.append(f"{count:>10,}{mark}")
             right += count == paper
-            metrics.append(Metric(table_one_cell(objects, length), count, "sequences", Direction.EQUAL))
+            metrics.append(
+                Metric(table_one_cell(objects, length), count, "sequences", Direction.EQUAL)
+            )
         print(f"{objects:>7} " + " ".join(cells))
     print(f"{right} of 25 cells as in the paper, {time.monotonic() - begin:.2f} s")
 
@@ -48,5 +51,7 @@ def run(arguments: list[str]) -> int:
 def count_row(objects: int) -> list[int]:
     """Count the sequences of 2 to 6 actions that reach the goal with their last action, for a number of objects."""
     names = [f"object{number}" for number in range(objects)]
-    counts = count_sequences(ground_actions(names, names[0]), max(LENGTHS))
+    counts = count_sequences(
+        ground_actions(names, names[0], DEFAULT_WORKCELL.arm_names), max(LENGTHS)
+    )
     return [counts[length] for length in LENGTHS]

@@ -133,7 +133,9 @@ class _ContactLists:
     distances: list[Float[np.ndarray, " found"]] = field(default_factory=lambda: [np.empty(0)])
     """Distances that the collision detection found in each of these states [m]."""
 
-    geoms: list[Int[np.ndarray, "found 2"]] = field(default_factory=lambda: [np.empty((0, 2), np.int32)])
+    geoms: list[Int[np.ndarray, "found 2"]] = field(
+        default_factory=lambda: [np.empty((0, 2), np.int32)]
+    )
     """Geoms that it found."""
 
     singles: list[tuple[int, int, float]] = field(default_factory=list)
@@ -161,6 +163,8 @@ class _ContactLists:
         states = np.array(self.states, np.int64)
         return Contacts(
             state=np.concatenate([states[kept], state_of_single[near]]),
-            distance=np.concatenate([np.concatenate(self.distances)[kept], distance_of_single[near]]),
+            distance=np.concatenate(
+                [np.concatenate(self.distances)[kept], distance_of_single[near]]
+            ),
             geoms=np.concatenate([geoms[kept], pair_geoms[pair_of_single[near]]]),
         )

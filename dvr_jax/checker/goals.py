@@ -33,11 +33,15 @@ def check_goal(goal: object, motion: ReplayedMotion, timeline: Timeline, log: Fi
         SceneError: No check is registered for goals of this type.
     """
     known = ", ".join(kind.__name__ for kind in check_goal.registry if kind is not object)
-    raise SceneError(f"the check does not know goals of the type {type(goal).__name__}; it knows {known}.")
+    raise SceneError(
+        f"the check does not know goals of the type {type(goal).__name__}; it knows {known}."
+    )
 
 
 @check_goal.register
-def check_on_region(goal: OnRegion, motion: ReplayedMotion, timeline: Timeline, log: FindingLog) -> None:
+def check_on_region(
+    goal: OnRegion, motion: ReplayedMotion, timeline: Timeline, log: FindingLog
+) -> None:
     """Check that the goal's object stands on the region and that no arm holds it.
 
     Args:

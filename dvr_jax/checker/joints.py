@@ -106,7 +106,9 @@ def check_rest_at_switches(motion: ReplayedMotion, timeline: Timeline, log: Find
             log.add(SWITCH_SPEED, sample, names, speed, SWITCH_JOINT_SPEED)
 
 
-def _arms_at_switch(motion: ReplayedMotion, timeline: Timeline, interval: AttachmentInterval) -> set[int]:
+def _arms_at_switch(
+    motion: ReplayedMotion, timeline: Timeline, interval: AttachmentInterval
+) -> set[int]:
     """The arm of the action that opened an interval, and the arm that held the object before."""
     arms = {motion.scene.workcell.arm_index(interval.arguments["arm"])}
     before = timeline.before(interval)

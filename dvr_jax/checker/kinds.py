@@ -23,8 +23,12 @@ PENETRATION = FindingKind("penetration", "{0} and {1} penetrate by {value}", "mm
 
 JOINT_LIMIT = FindingKind("joint limit", "{0} is beyond its limit by {value}", "rad")
 JOINT_SPEED = FindingKind("joint speed", "{0} turns at {value}", "rad/s")
-JOINT_ACCELERATION = FindingKind("joint acceleration", "{0} speeds up or slows down by {value}", "rad/s^2")
-SWITCH_SPEED = FindingKind("switch speed", "{0} turns at {value} as its gripper takes or gives", "rad/s")
+JOINT_ACCELERATION = FindingKind(
+    "joint acceleration", "{0} speeds up or slows down by {value}", "rad/s^2"
+)
+SWITCH_SPEED = FindingKind(
+    "switch speed", "{0} turns at {value} as its gripper takes or gives", "rad/s"
+)
 HOME_POSTURE = FindingKind("home posture", "{0} is {value} away from its home", "rad")
 
 FINGER_TRAVEL = FindingKind("finger travel", "{0} is out of its range by {value}", "mm")
@@ -65,7 +69,9 @@ WIDTH = FindingKind("width", "{0} is {value} wide where the {1} gripper grasps i
 
 SUPPORT_TILT = FindingKind("support tilt", "{0} is tilted by {value} on the {1}", "rad")
 SUPPORT_HEIGHT = FindingKind("support height", "the bottom of {0} is {value} off the {1}", "mm")
-SUPPORT_OVERHANG = FindingKind("support overhang", "{0} reaches {value} over the border of the {1}", "mm")
+SUPPORT_OVERHANG = FindingKind(
+    "support overhang", "{0} reaches {value} over the border of the {1}", "mm"
+)
 
 GOAL_HELD = FindingKind("goal held", "the goal's {0} is still held by the {1} gripper", "")
 

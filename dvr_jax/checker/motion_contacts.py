@@ -32,7 +32,9 @@ class GeomPoses:
     """Rotations."""
 
 
-def find_contacts(model: mujoco.MjModel, states: Float[np.ndarray, "states nq"], poses: GeomPoses) -> Contacts:
+def find_contacts(
+    model: mujoco.MjModel, states: Float[np.ndarray, "states nq"], poses: GeomPoses
+) -> Contacts:
     """Find the contacts in all states of a motion and between them.
 
     Args:
@@ -165,7 +167,9 @@ def _encounters(contacts: Contacts, reach: Float[np.ndarray, "steps geoms"]) -> 
     step_of_contact = np.concatenate([contacts.state, contacts.state - 1])
     end_of_contact = np.repeat([0, 1], len(pair))
     valid = (step_of_contact >= 0) & (step_of_contact < steps)
-    keys, index = np.unique((step_of_contact * geoms**2 + np.tile(pair, 2))[valid], return_inverse=True)
+    keys, index = np.unique(
+        (step_of_contact * geoms**2 + np.tile(pair, 2))[valid], return_inverse=True
+    )
     step = keys // geoms**2
     first = keys // geoms % geoms
     second = keys % geoms

@@ -110,7 +110,9 @@ def _validate_fit(scene: Scene, actions: Sequence[Action], motion: Motion) -> No
         )
 
     if len(motion.switch) != len(actions):
-        raise MotionError(f"the motion has {len(motion.switch)} switches; valid are {len(actions)}, one an action.")
+        raise MotionError(
+            f"the motion has {len(motion.switch)} switches; valid are {len(actions)}, one an action."
+        )
 
     lengths = np.linalg.norm(motion.qpos[:, layout.objects[:, 3:]], axis=-1)
     deviations = np.abs(lengths - 1)

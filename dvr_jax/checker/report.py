@@ -40,7 +40,9 @@ class Finding:
     def __str__(self) -> str:
         unit = self.definition.unit
         scale = MILLIMETERS if unit == "mm" else 1.0
-        sentence = self.definition.sentence.format(*self.names, value=f"{scale * self.value:.3g} {unit}")
+        sentence = self.definition.sentence.format(
+            *self.names, value=f"{scale * self.value:.3g} {unit}"
+        )
         limit = f" (limit {scale * self.limit:.3g} {unit})" if unit else ""
         return f"at {self.time:.2f} s {sentence}{limit}"
 
@@ -110,7 +112,9 @@ class FindingLog:
         known = self.worst.get((kind.name, names))
         if known is not None and known.value - known.limit >= value - limit:
             return
-        self.worst[kind.name, names] = Finding(kind, float(self.time[sample]), names, float(value), limit)
+        self.worst[kind.name, names] = Finding(
+            kind, float(self.time[sample]), names, float(value), limit
+        )
 
     def add_worst(
         self,

@@ -22,7 +22,9 @@ def support_areas(scene: Scene) -> dict[str, Rectangle]:
     return {TABLE_SUPPORT: table, **scene.goal.supports()}
 
 
-def check_standing(motion: ReplayedMotion, index: int, support: str, sample: int, log: FindingLog) -> None:
+def check_standing(
+    motion: ReplayedMotion, index: int, support: str, sample: int, log: FindingLog
+) -> None:
     """Check that an object stands upright on the table's top with its whole bottom within the area of a support.
 
     Args:

@@ -42,10 +42,13 @@ def attachment_timeline(
     samples = len(motion.time)
     closed: list[AttachmentInterval] = []
     current = {
-        index: AttachmentInterval(index, 0, samples, Standing(), START_CHECK, {}) for index in range(len(scene.objects))
+        index: AttachmentInterval(index, 0, samples, Standing(), START_CHECK, {})
+        for index in range(len(scene.objects))
     }
 
-    for number, (action, switch) in enumerate(zip(actions, motion.switch.tolist(), strict=True), start=1):
+    for number, (action, switch) in enumerate(
+        zip(actions, motion.switch.tolist(), strict=True), start=1
+    ):
         operator, arguments = _read_action(scene, action, operators, number)
         refusal = operator.refusal(arguments, _held_objects(scene, current.values()))
         if refusal:
@@ -57,7 +60,9 @@ def attachment_timeline(
         current[index] = AttachmentInterval(index, switch, samples, attachment, operator, arguments)
 
     intervals = [*closed, *current.values()]
-    return Timeline(tuple(sorted(intervals, key=lambda interval: (interval.start, interval.object))))
+    return Timeline(
+        tuple(sorted(intervals, key=lambda interval: (interval.start, interval.object)))
+    )
 
 
 def _held_objects(scene: Scene, intervals: Iterable[AttachmentInterval]) -> dict[str, str]:
@@ -85,15 +90,22 @@ def _is_valid(scene: Scene, action: Action, parameters: tuple[Parameter, ...]) -
     if len(action.arguments) != len(parameters):
         return False
     return all(
-        argument in parameter.values(scene) for argument, parameter in zip(action.arguments, parameters, strict=True)
+        argument in parameter.values(scene)
+        for argument, parameter in zip(action.arguments, parameters, strict=True)
     )
 
 
 def _valid_actions(scene: Scene, operators: Sequence[OperatorCheck]) -> str:
     """All operators with their parameters, and the valid values of each parameter."""
     signatures = [
-        f"{operator.name}({', '.join(parameter.name for parameter in operator.parameters)})" for operator in operators
+        f"{operator.name}({', '.join(parameter.name for parameter in operator.parameters)})"
+        for operator in operators
     ]
-    parameters = {parameter.name: parameter for operator in operators for parameter in operator.parameters}
-    values = [f"{parameter.plural} {', '.join(parameter.values(scene))}" for parameter in parameters.values()]
+    parameters = {
+        parameter.name: parameter for operator in operators for parameter in operator.parameters
+    }
+    values = [
+        f"{parameter.plural} {', '.join(parameter.values(scene))}"
+        for parameter in parameters.values()
+    ]
     return f"{' and '.join(signatures)} with {'; '.join(values)}"

@@ -24,18 +24,32 @@ class Benchmark:
 
 
 BENCHMARKS: dict[str, Benchmark] = {
-    "table1": Benchmark("table_one", "the paper's Table I: number of sequences by objects and length"),
-    "scenes": Benchmark("scenes", "plan sampled scenes by one search: solved share, lengths, times"),
-    "search": Benchmark("search", "plan the same scenes by several searches: the paper's main figures"),
+    "table1": Benchmark(
+        "table_one", "the paper's Table I: number of sequences by objects and length"
+    ),
+    "scenes": Benchmark(
+        "scenes", "plan sampled scenes by one search: solved share, lengths, times"
+    ),
+    "search": Benchmark(
+        "search", "plan the same scenes by several searches: the paper's main figures"
+    ),
     "recall": Benchmark("recall", "the solver's verdicts against those of the frozen problems"),
-    "oracle": Benchmark("problem_drawing", "draw such problems, each judged from 64 random starts (hours)"),
+    "oracle": Benchmark(
+        "problem_drawing", "draw such problems, each judged from 64 random starts (hours)"
+    ),
     "labels": Benchmark("labels", "labels of a sweep against 64 random starts (hours)"),
-    "dataset": Benchmark("dataset", "labels and training targets of folders of shards, beside the paper's"),
+    "dataset": Benchmark(
+        "dataset", "labels and training targets of folders of shards, beside the paper's"
+    ),
     "speed": Benchmark("speed", "times of a slice's system, of keyframes and of paths"),
     "compare": Benchmark("compare", "those times of this checkout and of another one, in turn"),
-    "drawn": Benchmark("drawn", "how deep drawn links get into what plans keep their capsules clear of"),
+    "drawn": Benchmark(
+        "drawn", "how deep drawn links get into what plans keep their capsules clear of"
+    ),
     "peers": Benchmark("peers", "the same problems solved by `robotic`"),
-    "report": Benchmark("report", "write the figures in README.md and docs/ from the committed results"),
+    "report": Benchmark(
+        "report", "write the figures in README.md and docs/ from the committed results"
+    ),
 }
 
 
@@ -69,7 +83,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def print_help() -> None:
     """Print the list of benchmarks."""
-    print("usage: python -m dvr_jax.bench NAME [OPTIONS]; NAME --help lists a benchmark's options\n")
+    print(
+        "usage: python -m dvr_jax.bench NAME [OPTIONS]; NAME --help lists a benchmark's options\n"
+    )
     for name, benchmark in BENCHMARKS.items():
         print(f"  {name:<8} {benchmark.summary}")
 

@@ -26,9 +26,13 @@ class Command:
 
 COMMANDS: dict[str, Command] = {
     # What the warm-up of a plan still compiles when the plan is written, nobody waits for.
-    "plan": Command("dvr_jax.cli.plan", "plan one scene: from a scene file to a checked motion", at_once=True),
+    "plan": Command(
+        "dvr_jax.cli.plan", "plan one scene: from a scene file to a checked motion", at_once=True
+    ),
     "sample": Command("dvr_jax.cli.sample", "draw random scenes into a file"),
-    "sweep": Command("dvr_jax.cli.sweep", "label action sequences of many scenes as feasible or not"),
+    "sweep": Command(
+        "dvr_jax.cli.sweep", "label action sequences of many scenes as feasible or not"
+    ),
     "dataset": Command("dvr_jax.cli.dataset", "count the labels and training targets of a sweep"),
     "train": Command("dvr_jax.cli.train", "train the network, or the feasibility classifier"),
     "bench": Command("dvr_jax.cli.bench", "run a benchmark"),
@@ -58,7 +62,9 @@ def describe_commands() -> str:
     """Return the list of commands, one line each."""
     width = max(map(len, COMMANDS))
     lines = [f"  {name:<{width}}  {command.summary}" for name, command in COMMANDS.items()]
-    usage = f"usage: {CONSOLE} COMMAND [OPTIONS]; {CONSOLE} COMMAND --help lists a command's options"
+    usage = (
+        f"usage: {CONSOLE} COMMAND [OPTIONS]; {CONSOLE} COMMAND --help lists a command's options"
+    )
     return "\n".join([usage, "", *lines, "", f"  {CONSOLE} --version prints the version"])
 
 

@@ -1,7 +1,11 @@
-"""Command line `python -m dvr_jax.dataset DIR ...`: what folders of shards hold, beside the paper's data."""
+"""Command line `python -m dvr_jax.dataset DIR ...`: what folders of shards hold, beside the paper's data.
+
+`python -m dvr_jax.dataset repack DIR ...` rewrites shards of an earlier layout in the present, smaller one.
+"""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,6 +34,14 @@ class DatasetOptions:
     """Seed of the draw."""
 
 
+@dataclass(frozen=True)
+class RepackOptions:
+    """Write the shards of folders in the present layout; scenes, labels, options and versions stay the same."""
+
+    folders: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """Folders of labeled sequences (*.parquet)."""
+
+
 @dataclass(frozen=True, slots=True)
 class _Line:
     """One line of the table."""
@@ -52,7 +64,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit code.
     """
-    options = parse_options(DatasetOptions, "dataset", arguments)
+    given = sys.argv[1:] if arguments is None else list(arguments)
+    if given[:1] == ["repack"]:
+        return repack(given[1:])
+    options = parse_options(DatasetOptions, "dataset", given)
 
     from dvr_jax.dataset.counts import count_infeasible_sequences, count_labels
     from dvr_jax.dataset.examples import count_targets, load_examples
@@ -61,13 +76,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     infos = find_shards(options.data)
     labels = count_labels(infos)
     known = count_infeasible_sequences(infos, options.k_max)
-    targets = count_targets(load_examples(options.data, options.completions, options.k_max, options.seed))
+    targets = count_targets(
+        load_examples(options.data, options.completions, options.k_max, options.seed)
+    )
 
     table = [
         _Line("scenes", labels.scenes, "30,000"),
         _Line("scenes with a solution", labels.solved, "25,736"),
         _Line("feasible sequences", labels.feasible, "102,566"),
-        _Line(f"infeasible, {options.completions} for each refuted prefix", targets.infeasible, "2,741,573"),
+        _Line(
+            f"infeasible, {options.completions} for each refuted prefix",
+            targets.infeasible,
+            "2,741,573",
+        ),
         _Line("targets 1", targets.ones, "1,803,684"),
         _Line("targets 0", targets.zeros, "7,926,696"),
         _Line("  of these known", targets.known_zeros),
@@ -80,6 +101,31 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print(f"{'':38}{'here':>12}{'paper':>12}")
     print("\n".join(map(str, table)))
     _print_lengths(labels)
+    return 0
+
+
+def repack(arguments: Sequence[str]) -> int:
+    """Repack the shards of folders, and print the size of each folder before and after.
+
+    Args:
+        arguments: Options as text.
+
+    Returns:
+        The exit code.
+    """
+    options = parse_options(RepackOptions, "dataset repack", arguments)
+
+    from dvr_jax.dataset.repack import repack_folder
+
+    for folder in options.folders:
+        shards = list(repack_folder(folder))
+        scenes = sum(len(shard.info.scenes) for shard in shards)
+        before = sum(shard.bytes_before for shard in shards)
+        after = sum(shard.bytes_after for shard in shards)
+        print(
+            f"{folder}: {scenes:,} scenes, {before:,} bytes before and {after:,} after, "
+            f"{after / scenes:.0f} bytes a scene"
+        )
     return 0
 
 

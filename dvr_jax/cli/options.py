@@ -14,7 +14,9 @@ CONSOLE = "dvr-jax"
 _Options = TypeVar("_Options")
 
 
-def parse_options(kind: type[_Options], command: str, arguments: Sequence[str] | None = None) -> _Options:
+def parse_options(
+    kind: type[_Options], command: str, arguments: Sequence[str] | None = None
+) -> _Options:
     """Read the options of a command; print its help or a complaint and end the process where they ask for it.
 
     Args:

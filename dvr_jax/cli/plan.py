@@ -98,7 +98,9 @@ def _load_network(options: PlanOptions) -> Predictor | None:
     from dvr_jax.search.searches import GUIDED
 
     if options.search not in GUIDED:
-        raise OptionError(f"--search {options.search} takes no --network; valid with one: {', '.join(GUIDED)}.")
+        raise OptionError(
+            f"--search {options.search} takes no --network; valid with one: {', '.join(GUIDED)}."
+        )
 
     from dvr_jax.model.predictor import load_network
 
@@ -108,11 +110,15 @@ def _load_network(options: PlanOptions) -> Predictor | None:
 def _print_plan(result: Plan, options: PlanOptions) -> None:
     """Print the actions of a plan, or why there are none, and what it took."""
     if result.motion is not None:
-        print(f"solved with {len(result.actions)} actions, a motion of {result.motion.time[-1]:.1f} s:")
+        print(
+            f"solved with {len(result.actions)} actions, a motion of {result.motion.time[-1]:.1f} s:"
+        )
         for number, description in enumerate(result.action_descriptions, start=1):
             print(f"  {number}. {description}")
     else:
-        print(f"none found: {result.status} (at most {options.k_max} actions, {options.time_limit:g} s)")
+        print(
+            f"none found: {result.status} (at most {options.k_max} actions, {options.time_limit:g} s)"
+        )
 
     nlps = ", ".join(f"{count} {bound}" for bound, count in result.nlps.items())
     print(f"NLPs solved: {nlps or 'none'}")

@@ -28,6 +28,10 @@ class SampleOptions:
     """Shapes of the objects; with mixed, a coin decides for each object."""
     cubes: float = 0.25
     """Fraction of the boxes that are small cubes, which one arm cannot hand to the other in the air."""
+    workcell: str = "facing"
+    """Arms and table: facing (the paper's), facing-1.0, facing-1.6, side-by-side or single."""
+    fixed: tuple[int, int] = (0, 0)
+    """Least and largest number of fixed bodies in each scene."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -44,12 +48,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from dvr_jax.scene.files import save_scenes
     from dvr_jax.scene.random_scenes import sample_scenes
     from dvr_jax.scene.sampling import SceneDistribution
+    from dvr_jax.workcell.workcell import named_workcell
 
-    distribution = SceneDistribution(shape=options.shape, cube_share=options.cubes)
-    scenes = tuple(sample_scenes(options.number, options.objects, options.seed, distribution))
+    workcell = named_workcell(options.workcell)
+    distribution = SceneDistribution(
+        shape=options.shape, cube_share=options.cubes, fixed_bodies=options.fixed
+    )
+    scenes = tuple(
+        sample_scenes(options.number, options.objects, options.seed, distribution, workcell)
+    )
     save_scenes(options.out, scenes)
 
-    print(f"{len(scenes)} scenes of {options.objects} objects (seed {options.seed}) written to {options.out}")
+    print(
+        f"{len(scenes)} scenes of {options.objects} objects (seed {options.seed}) written to {options.out}"
+    )
     return 0
 
 

@@ -86,7 +86,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = sys.argv[1:] if arguments is None else arguments
     sweep(request, command=["python", "-m", "dvr_jax.sweep", *given])
 
-    print(f"labels written to {options.out}/; `python -m dvr_jax.dataset {options.out}` counts them")
+    print(
+        f"labels written to {options.out}/; `python -m dvr_jax.dataset {options.out}` counts them"
+    )
     return 0
 
 

@@ -80,7 +80,9 @@ def columns_of(scene_texts: Sequence[str], labels: Sequence[Label], first_scene:
         feasible=np.array([label.feasible for label in labels], dtype=np.bool_),
         refuted_prefix=np.array([label.refuted_prefix for label in labels], dtype=np.bool_),
         bound=[label.bound for label in labels],
-        violation=np.array([round_violation(label.violation) for label in labels], dtype=np.float32),
+        violation=np.array(
+            [round_violation(label.violation) for label in labels], dtype=np.float32
+        ),
     )
 
 

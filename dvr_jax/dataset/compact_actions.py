@@ -108,13 +108,16 @@ def expand_actions(compact: CompactActions) -> ExpandedActions:
     # From the names of the scene to the names of the shard.
     number_of_names = np.array([len(own) for own in compact.names], dtype=np.int64)
     scene = row_of_items(compact.label_ends)
-    if np.any(from_last >= number_of_names[scene][:, None]) or np.any((from_last == NO_ACTION) & is_action):
+    is_too_large = from_last >= number_of_names[scene][:, None]
+    is_missing = is_action & (from_last == NO_ACTION)
+    if np.any(is_too_large | is_missing):
         raise ValueError("an action is none of its scene")
     names = sorted({name for own in compact.names for name in own})
     code_of = {name: code for code, name in enumerate(names)}
-    codes = np.array([code_of[name] for own in compact.names for name in own] or [NO_ACTION], dtype=np.int64)
+    codes = np.array([code_of[name] for own in compact.names for name in own], dtype=np.int64)
     first_name = ends_of(number_of_names)[scene]
-    from_last = np.where(is_action, codes[np.where(is_action, from_last + first_name[:, None], 0)], NO_ACTION)
+    place = from_last + first_name[:, None]
+    from_last[is_action] = codes[place[is_action]]
 
     # Codes are in the order of names, so labels are sorted by their codes.
     table = _reverse_rows(from_last, length)

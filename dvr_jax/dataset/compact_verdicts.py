@@ -50,7 +50,10 @@ class CompactVerdicts:
     """First distinct verdict of each scene, and the number of distinct verdicts at the end."""
 
 
-def compact_verdicts(verdicts: Verdicts, label_ends: Int64[np.ndarray, " scenes_plus_one"]) -> CompactVerdicts:
+def compact_verdicts(
+    verdicts: Verdicts,
+    label_ends: Int64[np.ndarray, " scenes_plus_one"],
+) -> CompactVerdicts:
     """Write each distinct verdict of a scene once.
 
     Args:
@@ -114,4 +117,6 @@ def _keys(verdicts: Verdicts) -> UInt64[np.ndarray, " verdicts"]:
     code_of_bound = {bound: code for code, bound in enumerate(_BOUNDS)}
     codes = np.array([code_of_bound[bound] for bound in verdicts.bound], dtype=np.uint64)
     bits = verdicts.violation.view(np.uint32).astype(np.uint64)
-    return (bits << np.uint64(4)) | (codes << np.uint64(1)) | verdicts.refuted_prefix.astype(np.uint64)
+    return (
+        (bits << np.uint64(4)) | (codes << np.uint64(1)) | verdicts.refuted_prefix.astype(np.uint64)
+    )

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from dvr_jax.dataset.footer import ShardInfo
-from dvr_jax.dataset.labelled_scenes import LabelledScene, labelled_scenes
+from dvr_jax.dataset.labeled_scenes import LabeledScene, labeled_scenes
+from dvr_jax.dataset.sequence_index import ActionNumbers
 from dvr_jax.dataset.shards import read_columns
 
 
@@ -76,28 +77,28 @@ def count_infeasible_sequences(infos: Iterable[ShardInfo], k_max: int) -> int:
         The number of sequences.
     """
     return sum(
-        _infeasible_sequences(labelled, k_max)
+        _infeasible_sequences(labeled, k_max)
         for info in infos
-        for labelled in labelled_scenes(info, read_columns(info))
+        for labeled in labeled_scenes(info, read_columns(info))
     )
 
 
-def _infeasible_sequences(labelled: LabelledScene, k_max: int) -> int:
+def _infeasible_sequences(labeled: LabeledScene, k_max: int) -> int:
     """Count the sequences of one scene that are known to be infeasible."""
-    refuted = set(labelled.refuted_prefixes)
+    refuted = set(labeled.refuted_prefixes)
     total = 0
-    for sequence in labelled.infeasible:
+    for sequence in labeled.infeasible:
         if len(sequence) <= k_max and not _begins_with_refuted(sequence, refuted):
             total += 1
 
     # A prefix below another one is counted with that one.
-    for prefix in labelled.refuted_prefixes:
+    for prefix in labeled.refuted_prefixes:
         if not _begins_with_refuted(prefix, refuted):
-            state = labelled.index.state_after(prefix)
-            total += labelled.index.count_up_to(state, k_max - len(prefix))
+            state = labeled.index.state_after(prefix)
+            total += labeled.index.count_up_to(state, k_max - len(prefix))
     return total
 
 
-def _begins_with_refuted(sequence: tuple[int, ...], refuted: set[tuple[int, ...]]) -> bool:
+def _begins_with_refuted(sequence: ActionNumbers, refuted: set[ActionNumbers]) -> bool:
     """Return whether a shorter prefix of a sequence is refuted."""
     return any(sequence[:length] in refuted for length in range(len(sequence)))

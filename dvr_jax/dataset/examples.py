@@ -1,4 +1,4 @@
-"""Training examples: the labelled sequences of shards, and some continuations of each refuted prefix, with targets.
+"""Training examples: the labeled sequences of shards, and some continuations of each refuted prefix, with targets.
 
 A refuted prefix stands for up to thousands of infeasible sequences, which differ only in actions after the prefix. A
 few of these are drawn, without replacement and uniformly among all that have at most k_max actions. There are about
@@ -16,7 +16,8 @@ from jaxtyping import Bool, Float32, Int32
 
 from dvr_jax.dataset.footer import ShardInfo
 from dvr_jax.dataset.known_prefixes import KnownPrefixes
-from dvr_jax.dataset.labelled_scenes import LabelledScene, labelled_scenes
+from dvr_jax.dataset.labeled_scenes import LabeledScene, labeled_scenes
+from dvr_jax.dataset.sequence_index import ActionNumbers
 from dvr_jax.dataset.shards import find_shards, read_columns
 from dvr_jax.dataset.targets import targets
 from dvr_jax.errors import DvrError
@@ -99,7 +100,7 @@ class _ExampleLists:
 
     scenes: list[Scene] = field(default_factory=list)
     scene: list[int] = field(default_factory=list)
-    sequences: list[tuple[int, ...]] = field(default_factory=list)
+    sequences: list[ActionNumbers] = field(default_factory=list)
     feasible: list[bool] = field(default_factory=list)
     targets: list[Float32[np.ndarray, " actions"]] = field(default_factory=list)
     is_known: list[list[bool]] = field(default_factory=list)
@@ -133,7 +134,9 @@ def load_examples(
         DvrError: there is no shard, a shard is broken, or an option is not valid.
     """
     if completions < 0 or k_max < 1:
-        raise DvrError(f"completions is {completions} and k_max {k_max}; valid are at least 0 and at least 1.")
+        raise DvrError(
+            f"completions is {completions} and k_max {k_max}; valid are at least 0 and at least 1."
+        )
     options = _ExampleOptions(completions, k_max, seed, solved_only)
 
     # Shard by shard: as lists, all sequences of a large data set take ten times the memory of their arrays.
@@ -176,22 +179,24 @@ def count_targets(examples: Examples) -> TargetCounts:
 def _examples_of_shard(info: ShardInfo, options: _ExampleOptions) -> Examples:
     """Collect the examples of one shard."""
     lists = _ExampleLists()
-    for labelled in labelled_scenes(info, read_columns(info), options.solved_only):
-        _collect(lists, labelled, options)
+    for labeled in labeled_scenes(info, read_columns(info), options.solved_only):
+        _collect(lists, labeled, options)
     return _as_arrays(lists, options.k_max)
 
 
-def _collect(lists: _ExampleLists, labelled: LabelledScene, options: _ExampleOptions) -> None:
+def _collect(lists: _ExampleLists, labeled: LabeledScene, options: _ExampleOptions) -> None:
     """Append the examples of one scene."""
     feasible_by_sequence = {
-        sequence: feasible for sequence, feasible in labelled.judged.items() if len(sequence) <= options.k_max
+        sequence: feasible
+        for sequence, feasible in labeled.judged.items()
+        if len(sequence) <= options.k_max
     }
-    known = _known_prefixes(labelled, feasible_by_sequence)
+    known = _known_prefixes(labeled, feasible_by_sequence)
 
     # What is drawn for one prefix is not drawn again for another.
-    generator = random.Random(f"{options.seed} {labelled.number}")
-    for prefix in labelled.refuted_prefixes:
-        for sequence in _draw(labelled, prefix, feasible_by_sequence, options, generator):
+    generator = random.Random(f"{options.seed} {labeled.number}")
+    for prefix in labeled.refuted_prefixes:
+        for sequence in _draw(labeled, prefix, feasible_by_sequence, options, generator):
             feasible_by_sequence[sequence] = False
 
     sequences = list(feasible_by_sequence)
@@ -199,7 +204,7 @@ def _collect(lists: _ExampleLists, labelled: LabelledScene, options: _ExampleOpt
     if not sequences or (options.solved_only and not any(feasible)):
         return
     lists.scene += [len(lists.scenes)] * len(sequences)
-    lists.scenes.append(labelled.scene)
+    lists.scenes.append(labeled.scene)
     lists.sequences += sequences
     lists.feasible += feasible
     lists.targets += targets(sequences, feasible)
@@ -207,33 +212,49 @@ def _collect(lists: _ExampleLists, labelled: LabelledScene, options: _ExampleOpt
     lists.refuted_after += map(known.refuted_after, sequences)
 
 
-def _known_prefixes(labelled: LabelledScene, feasible_by_sequence: dict[tuple[int, ...], bool]) -> KnownPrefixes:
+def _known_prefixes(
+    labeled: LabeledScene,
+    feasible_by_sequence: dict[ActionNumbers, bool],
+) -> KnownPrefixes:
     """Gather what the labels and the constants of a scene say of its prefixes."""
-    actions = list(enumerate(labelled.index.grounding.actions))
+    feasible: list[ActionNumbers] = []
+    infeasible: list[ActionNumbers] = []
+    for sequence, verdict in feasible_by_sequence.items():
+        same_verdict = feasible if verdict else infeasible
+        same_verdict.append(sequence)
+
+    impossible: list[int] = []
+    duplicates: list[int] = []
+    for number, action in enumerate(labeled.index.grounding.actions):
+        if refute(labeled.scene, action, OPERATORS) is not None:
+            impossible.append(number)
+        if is_duplicate(labeled.scene, action, OPERATORS):
+            duplicates.append(number)
+
     return KnownPrefixes(
-        labelled.index,
-        feasible=[sequence for sequence, feasible in feasible_by_sequence.items() if feasible],
-        infeasible=[sequence for sequence, feasible in feasible_by_sequence.items() if not feasible],
-        refuted=labelled.refuted_prefixes,
-        impossible=[number for number, action in actions if refute(labelled.scene, action, OPERATORS) is not None],
-        duplicates=[number for number, action in actions if is_duplicate(labelled.scene, action, OPERATORS)],
+        labeled.index,
+        feasible=feasible,
+        infeasible=infeasible,
+        refuted=labeled.refuted_prefixes,
+        impossible=impossible,
+        duplicates=duplicates,
     )
 
 
 def _draw(
-    labelled: LabelledScene,
-    prefix: tuple[int, ...],
-    taken: dict[tuple[int, ...], bool],
+    labeled: LabeledScene,
+    prefix: ActionNumbers,
+    taken: dict[ActionNumbers, bool],
     options: _ExampleOptions,
     generator: random.Random,
-) -> list[tuple[int, ...]]:
+) -> list[ActionNumbers]:
     """Draw continuations of a refuted prefix that are not taken yet."""
-    drawn: list[tuple[int, ...]] = []
+    drawn: list[ActionNumbers] = []
     if options.completions == 0:
         return drawn
 
     # The draw ends with the last continuation wanted, so that the generator serves the next prefix from there on.
-    for sequence in labelled.index.draw(prefix, options.k_max, generator):
+    for sequence in labeled.index.draw(prefix, options.k_max, generator):
         if sequence in taken:
             continue
         drawn.append(sequence)

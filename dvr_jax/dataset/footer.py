@@ -91,9 +91,13 @@ def make_footer(scenes: range, labels: int, options: Mapping[str, Any]) -> Foote
     try:
         plain = json.loads(json.dumps(dict(options), allow_nan=False, sort_keys=True))
     except (TypeError, ValueError) as error:
-        raise DvrError(f"the sweep's options {dict(options)} cannot be written as JSON: {error}.") from None
+        raise DvrError(
+            f"the sweep's options {dict(options)} cannot be written as JSON: {error}."
+        ) from None
 
-    seeds = {name: value for name, value in plain.items() if name == "seed" or name.endswith("_seed")}
+    seeds = {
+        name: value for name, value in plain.items() if name == "seed" or name.endswith("_seed")
+    }
     for name, value in {"seed": None, **seeds}.items():
         if type(value) is not int:
             raise DvrError(f"the sweep's option {name!r} is {value!r}; valid is a whole number.")
@@ -137,11 +141,13 @@ def decode_footer(text: bytes, path: Path) -> Footer:
         footer = msgspec.json.decode(text, type=Footer)
         footer.versions["dvr_jax"]
     except (ValueError, LookupError, TypeError, msgspec.MsgspecError) as error:
-        raise DvrError(f"{path} has a broken footer ({error}); valid is a shard of dvr_jax.dataset.") from None
+        raise DvrError(
+            f"{path} has a broken footer ({error}); valid is a shard of dvr_jax.dataset."
+        ) from None
 
     if footer.domain != domain_signature():
         raise DvrError(
-            f"{path} was labelled under another symbolic domain (signature {footer.domain}); "
+            f"{path} was labeled under another symbolic domain (signature {footer.domain}); "
             f"valid is {domain_signature()}: its labels speak of other actions."
         )
     return footer
@@ -163,7 +169,9 @@ def require_agreement(infos: list[ShardInfo]) -> None:
                 f"{info.path} and {before.path} come of different sweeps: {difference}; valid is one sweep a folder."
             )
         if info.footer.first < before.footer.stop:
-            raise DvrError(f"{info} and {before} overlap; valid is each scene in one shard: remove one of both.")
+            raise DvrError(
+                f"{info} and {before} overlap; valid is each scene in one shard: remove one of both."
+            )
 
 
 def _difference(own: Mapping[str, object], other: Mapping[str, object]) -> str:

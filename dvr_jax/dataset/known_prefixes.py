@@ -10,7 +10,7 @@ completed, however, a few prefixes would have the target 1, and others, as good 
 
 from collections.abc import Iterable
 
-from dvr_jax.dataset.sequence_index import SequenceIndex
+from dvr_jax.dataset.sequence_index import ActionNumbers, SequenceIndex
 from dvr_jax.dataset.targets import prefixes_of
 
 
@@ -20,9 +20,9 @@ class KnownPrefixes:
     def __init__(
         self,
         index: SequenceIndex,
-        feasible: Iterable[tuple[int, ...]],
-        infeasible: Iterable[tuple[int, ...]],
-        refuted: Iterable[tuple[int, ...]],
+        feasible: Iterable[ActionNumbers],
+        infeasible: Iterable[ActionNumbers],
+        refuted: Iterable[ActionNumbers],
         impossible: Iterable[int] = (),
         duplicates: Iterable[int] = (),
     ) -> None:
@@ -43,20 +43,20 @@ class KnownPrefixes:
 
         solutions = set(feasible)
         self._longest = max(map(len, solutions), default=0)
-        self._promising: set[tuple[int, ...]] = set()
+        self._promising: set[ActionNumbers] = set()
         for solution in solutions:
             self._promising.update([(), *prefixes_of(solution)])
 
-        self._all_continuations_bad: dict[tuple[int, ...], bool] = {}
+        self._all_continuations_bad: dict[ActionNumbers, bool] = {}
 
-    def refuted_after(self, sequence: tuple[int, ...]) -> int:
+    def refuted_after(self, sequence: ActionNumbers) -> int:
         """Return the number of actions after which a label refutes a sequence; 0 if no label does."""
         for prefix in prefixes_of(sequence):
             if prefix in self._bad:
                 return len(prefix)
         return 0
 
-    def known_steps(self, sequence: tuple[int, ...]) -> list[bool]:
+    def known_steps(self, sequence: ActionNumbers) -> list[bool]:
         """Return for each j whether the target f_j of a sequence is known; a bad prefix stays bad."""
         # All targets are known from the first action on that a label or a constant of the scene refutes.
         undecided = len(sequence)
@@ -71,11 +71,11 @@ class KnownPrefixes:
         known = [self._is_known(sequence[:length]) for length in range(1, undecided + 1)]
         return known + [True] * (len(sequence) - undecided)
 
-    def _is_known(self, prefix: tuple[int, ...]) -> bool:
+    def _is_known(self, prefix: ActionNumbers) -> bool:
         """Return whether a prefix is promising, or known not to be."""
         return prefix in self._promising or self._is_bad(prefix, self._index.state_after(prefix))
 
-    def _is_bad(self, prefix: tuple[int, ...], state: int) -> bool:
+    def _is_bad(self, prefix: ActionNumbers, state: int) -> bool:
         """Return whether nothing feasible begins with a prefix that is no longer than the longest solution."""
         if prefix in self._bad:
             return True
@@ -88,7 +88,7 @@ class KnownPrefixes:
             self._all_continuations_bad[prefix] = self._are_continuations_bad(prefix, state)
         return self._all_continuations_bad[prefix]
 
-    def _are_continuations_bad(self, prefix: tuple[int, ...], state: int) -> bool:
+    def _are_continuations_bad(self, prefix: ActionNumbers, state: int) -> bool:
         """Return whether each action that leaves the goal reachable leads to a bad prefix."""
         grounding = self._index.grounding
         remaining = self._longest - len(prefix) - 1
@@ -99,6 +99,7 @@ class KnownPrefixes:
             if action in self._never_asked:
                 continue
             after = grounding.successor(state, action)
-            if grounding.can_reach_goal(after, remaining) and not self._is_bad((*prefix, action), after):
+            reaches_goal = grounding.can_reach_goal(after, remaining)
+            if reaches_goal and not self._is_bad((*prefix, action), after):
                 return False
         return True

@@ -51,7 +51,9 @@ Accept = Callable[[Scene, Node, NlpSolution], bool]
 class Labelling(SearchSession):
     """A multi-bound search that goes on after its first solution."""
 
-    def __init__(self, tree: SequenceTree, scene: Scene, options: LabelOptions, accept: Accept) -> None:
+    def __init__(
+        self, tree: SequenceTree, scene: Scene, options: LabelOptions, accept: Accept
+    ) -> None:
         """Prepare the search.
 
         Args:
@@ -94,7 +96,9 @@ class Labelling(SearchSession):
         return None
 
 
-def label_scene(scene: Scene, index: int, options: LabelOptions, accept: Accept) -> Steps[list[Label]]:
+def label_scene(
+    scene: Scene, index: int, options: LabelOptions, accept: Accept
+) -> Steps[list[Label]]:
     """Judge sequences of one scene, level by level as multi-bound search visits them, at random within a level.
 
     A sequence is feasible if its path meets the tolerances of the NLP and `accept` accepts it. A refuted prefix is one

@@ -59,9 +59,13 @@ def validate_label(label: Label, index: SequenceIndex) -> None:
         DvrError: a rule is broken; the message names the first one.
     """
     if label.feasible and (label.bound or label.refuted_prefix):
-        raise DvrError(f"{label} is feasible, yet refuted by {label.bound or 'its prefix'!r}; valid is one of both.")
+        raise DvrError(
+            f"{label} is feasible, yet refuted by {label.bound or 'its prefix'!r}; valid is one of both."
+        )
     if not label.feasible and label.bound not in BOUNDS:
-        raise DvrError(f"{label} is infeasible by the bound {label.bound!r}; valid are {', '.join(BOUNDS)}.")
+        raise DvrError(
+            f"{label} is infeasible by the bound {label.bound!r}; valid are {', '.join(BOUNDS)}."
+        )
     if label.violation < 0:
         raise DvrError(f"{label} has the violation {label.violation}; valid is 0 or more, or NaN.")
 
@@ -70,7 +74,9 @@ def validate_label(label: Label, index: SequenceIndex) -> None:
     except DvrError as error:
         raise DvrError(f"{label}: {error}") from None
     if not label.refuted_prefix and not index.grounding.is_goal(state):
-        raise DvrError(f"{label} does not reach the goal; only a refuted prefix may stop before it.")
+        raise DvrError(
+            f"{label} does not reach the goal; only a refuted prefix may stop before it."
+        )
 
 
 def validate_labels(labels: Iterable[Label], index: SequenceIndex) -> None:
@@ -100,7 +106,9 @@ def _require_no_refuted_prefix(label: Label, refuted: set[tuple[str, ...]]) -> N
     """Raise a DvrError if a feasible sequence begins with a refuted prefix."""
     for length in range(len(label.actions)):
         if label.actions[:length] in refuted:
-            raise DvrError(f"{label} is feasible, but its first {length} actions are stored as a refuted prefix.")
+            raise DvrError(
+                f"{label} is feasible, but its first {length} actions are stored as a refuted prefix."
+            )
 
 
 def same_label(first: Label, second: Label) -> bool:

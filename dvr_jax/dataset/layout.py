@@ -1,4 +1,4 @@
-"""The layout of a shard's columns (schema version 2): about 400 bytes a scene with 300 labels.
+"""The layout of a shard's columns (schema version 2): about 400 bytes a scene with 450 labels.
 
 One row a scene, so that a scene is stored once and a scene without labels has its place too:
 
@@ -25,7 +25,12 @@ from jaxtyping import Int64
 
 from dvr_jax.dataset.columns import Columns
 from dvr_jax.dataset.compact_actions import CompactActions, compact_actions, expand_actions
-from dvr_jax.dataset.compact_verdicts import CompactVerdicts, Verdicts, compact_verdicts, expand_verdicts
+from dvr_jax.dataset.compact_verdicts import (
+    CompactVerdicts,
+    Verdicts,
+    compact_verdicts,
+    expand_verdicts,
+)
 from dvr_jax.dataset.scene_text import SceneText
 
 
@@ -98,7 +103,9 @@ def to_table(columns: Columns, first_scene: int) -> pa.Table:
             "shared": _lists("shared", label_ends, actions.shared),
             "action": _lists("action", actions.action_ends, actions.action),
             "verdict": _lists("verdict", label_ends, verdicts.number),
-            "refuted_prefix": _lists("refuted_prefix", verdicts.ends, verdicts.distinct.refuted_prefix),
+            "refuted_prefix": _lists(
+                "refuted_prefix", verdicts.ends, verdicts.distinct.refuted_prefix
+            ),
             "bound": _lists("bound", verdicts.ends, verdicts.distinct.bound),
             "violation": _lists("violation", verdicts.ends, verdicts.distinct.violation),
         },
@@ -131,7 +138,8 @@ def from_table(table: pa.Table) -> Columns:
     if not np.array_equal(compact.action_ends, action_ends):
         raise ValueError("the number of actions is not that of the labels")
     distinct, verdict_ends = _distinct_verdicts(table)
-    verdicts = expand_verdicts(CompactVerdicts(number, distinct, verdict_ends), label_ends).take(actions.order)
+    compact_form = CompactVerdicts(number, distinct, verdict_ends)
+    verdicts = expand_verdicts(compact_form, label_ends).take(actions.order)
 
     return Columns(
         scene_texts=_scene_texts(table),
@@ -151,17 +159,24 @@ def _distinct_verdicts(table: pa.Table) -> tuple[Verdicts, Int64[np.ndarray, " s
     prefix_ends, refuted_prefix = _values(table, "refuted_prefix")
     bound_ends, bound = _values(table, "bound")
     violation_ends, violation = _values(table, "violation")
-    if not (np.array_equal(prefix_ends, bound_ends) and np.array_equal(prefix_ends, violation_ends)):
+    if not (
+        np.array_equal(prefix_ends, bound_ends) and np.array_equal(prefix_ends, violation_ends)
+    ):
         raise ValueError("the columns have different numbers of verdicts")
 
-    verdicts = Verdicts(refuted_prefix.astype(np.bool_), bound.tolist(), violation.astype(np.float32))
+    verdicts = Verdicts(
+        refuted_prefix.astype(np.bool_), bound.tolist(), violation.astype(np.float32)
+    )
     return verdicts, prefix_ends
 
 
 def _scene_texts(table: pa.Table) -> list[str]:
     templates = table["template"].to_pylist()
     numbers = table["numbers"].to_pylist()
-    return [SceneText(template, tuple(own)).put_together() for template, own in zip(templates, numbers, strict=True)]
+    return [
+        SceneText(template, tuple(own)).put_together()
+        for template, own in zip(templates, numbers, strict=True)
+    ]
 
 
 def _lists(
@@ -175,7 +190,9 @@ def _lists(
     return pa.ListArray.from_arrays(pa.array(ends, type=pa.int32()), flat, type=kind)
 
 
-def _values(table: pa.Table, column: str) -> tuple[Int64[np.ndarray, " scenes_plus_one"], np.ndarray]:
+def _values(
+    table: pa.Table, column: str
+) -> tuple[Int64[np.ndarray, " scenes_plus_one"], np.ndarray]:
     """Return where each list of a column begins, and the values of all lists end to end."""
     lists = table[column].combine_chunks()
     ends = lists.offsets.to_numpy().astype(np.int64)

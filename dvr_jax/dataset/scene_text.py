@@ -45,7 +45,9 @@ class SceneText:
 
         pieces = self.template.split(_PLACE)
         if len(pieces) != len(self.numbers) + 1:
-            raise ValueError(f"a scene has {len(self.numbers)} numbers for {len(pieces) - 1} places")
+            raise ValueError(
+                f"a scene has {len(self.numbers)} numbers for {len(pieces) - 1} places"
+            )
         text = pieces[0]
         for number, piece in zip(self.numbers, pieces[1:], strict=True):
             text += msgspec.json.encode(number).decode() + piece

@@ -20,6 +20,9 @@ from dvr_jax.logic.errors import listed
 from dvr_jax.operators import ground_scene
 from dvr_jax.scene.types import Scene
 
+ActionNumbers = tuple[int, ...]
+"""A sequence of actions, or a prefix of one, by the numbers of the actions in the grounding."""
+
 
 @dataclass(frozen=True, slots=True)
 class _FirstSteps:
@@ -48,7 +51,7 @@ class SequenceIndex:
         self._first_steps_of: dict[tuple[int, int], _FirstSteps] = {}
         self._cumulative_of: dict[tuple[int, int], list[int]] = {}
 
-    def indices(self, actions: Sequence[str]) -> tuple[int, ...]:
+    def indices(self, actions: Sequence[str]) -> ActionNumbers:
         """Return the numbers of actions that are given by name.
 
         Args:
@@ -65,7 +68,7 @@ class SequenceIndex:
                 raise LogicError(f"there is no action {name!r}; valid: {listed(self.index_of)}.")
         return tuple(self.index_of[name] for name in actions)
 
-    def state_after(self, sequence: tuple[int, ...]) -> int:
+    def state_after(self, sequence: ActionNumbers) -> int:
         """Return the state after a sequence.
 
         Args:
@@ -80,7 +83,9 @@ class SequenceIndex:
         state = self.grounding.initial_state
         for done, index in enumerate(sequence):
             if self.grounding.is_goal(state):
-                raise LogicError(f"the goal holds after {done} of {len(sequence)} actions; it must end there.")
+                raise LogicError(
+                    f"the goal holds after {done} of {len(sequence)} actions; it must end there."
+                )
             state = self.grounding.successor(state, index)
         return state
 
@@ -108,7 +113,7 @@ class SequenceIndex:
         """
         return self._cumulative(state, most)[-1]
 
-    def continuation(self, state: int, most: int, number: int) -> tuple[int, ...]:
+    def continuation(self, state: int, most: int, number: int) -> ActionNumbers:
         """Find a continuation by its number.
 
         Args:
@@ -136,7 +141,12 @@ class SequenceIndex:
             state = steps.states[chosen]
         return tuple(actions)
 
-    def draw(self, prefix: tuple[int, ...], k_max: int, generator: random.Random) -> Iterator[tuple[int, ...]]:
+    def draw(
+        self,
+        prefix: ActionNumbers,
+        k_max: int,
+        generator: random.Random,
+    ) -> Iterator[ActionNumbers]:
         """Yield all sequences that begin with a prefix and reach the goal, in uniformly random order.
 
         The iterator is lazy: its first m sequences are m draws without replacement, at a cost that does not depend on

@@ -82,7 +82,9 @@ def write_shard(
         raise DvrError(f"the shard {path} has the suffix {path.suffix!r}; valid is {SUFFIX!r}.")
     covered = range(min(scenes, default=0), max(scenes, default=-1) + 1)
     if not scenes or covered.start < 0 or len(covered) != len(scenes):
-        raise DvrError(f"the shard's scenes are {sorted(scenes)}; valid are one or more consecutive indices from 0 on.")
+        raise DvrError(
+            f"the shard's scenes are {sorted(scenes)}; valid are one or more consecutive indices from 0 on."
+        )
 
     ordered = sort_labels(labels)
     for index, group in groupby(ordered, key=lambda label: label.scene):
@@ -161,7 +163,9 @@ def read_info(path: str | Path) -> ShardInfo:
     text = (schema.metadata or {}).get(KEY)
     is_known = any(schema.equals(known) for known in (first_layout.SCHEMA, layout.SCHEMA))
     if text is None or not is_known:
-        raise DvrError(f"{path} is a Parquet file, but no shard of labels; valid are files of dvr_jax.dataset.")
+        raise DvrError(
+            f"{path} is a Parquet file, but no shard of labels; valid are files of dvr_jax.dataset."
+        )
     return ShardInfo(path, decode_footer(text, path))
 
 
@@ -186,8 +190,9 @@ def read_columns(info: ShardInfo) -> Columns:
     except (pa.ArrowException, OSError, ValueError, LookupError) as error:
         raise _refusal(info.path, error) from None
 
-    is_announced = table["scene"].to_pylist() == list(info.scenes) and len(columns.bound) == info.footer.labels
-    if not is_announced:
+    same_scenes = table["scene"].to_pylist() == list(info.scenes)
+    same_number = len(columns.bound) == info.footer.labels
+    if not (same_scenes and same_number):
         raise DvrError(_broken(info.path, "its rows are not those that its footer announces"))
     return columns
 
@@ -222,7 +227,9 @@ def find_shards(paths: str | Path | Iterable[str | Path]) -> list[ShardInfo]:
     infos: list[ShardInfo] = []
     for path in named:
         if not path.exists():
-            raise DvrError(f"there is no file or folder {path}; valid are shards (*{SUFFIX}) and folders of them.")
+            raise DvrError(
+                f"there is no file or folder {path}; valid are shards (*{SUFFIX}) and folders of them."
+            )
         infos += list_shards(path) if path.is_dir() else [read_info(path)]
     if not infos:
         where = f"in {', '.join(map(str, named))}" if named else "named"

@@ -14,11 +14,12 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float32
 
+from dvr_jax.dataset.sequence_index import ActionNumbers
 from dvr_jax.errors import DvrError
 
 
 def targets(
-    sequences: Sequence[tuple[int, ...]],
+    sequences: Sequence[ActionNumbers],
     feasible: Sequence[bool],
 ) -> list[Float32[np.ndarray, " actions"]]:
     """Compute the targets f_j of sequences of one scene and one goal.
@@ -34,9 +35,11 @@ def targets(
         DvrError: the numbers of sequences and verdicts differ.
     """
     if len(sequences) != len(feasible):
-        raise DvrError(f"there are {len(sequences)} sequences and {len(feasible)} verdicts; valid is one for each.")
+        raise DvrError(
+            f"there are {len(sequences)} sequences and {len(feasible)} verdicts; valid is one for each."
+        )
 
-    promising: set[tuple[int, ...]] = set()
+    promising: set[ActionNumbers] = set()
     for sequence, verdict in zip(sequences, feasible, strict=True):
         if verdict:
             promising.update(prefixes_of(sequence))
@@ -44,14 +47,14 @@ def targets(
     return [_targets_of(sequence, promising) for sequence in sequences]
 
 
-def prefixes_of(sequence: tuple[int, ...]) -> list[tuple[int, ...]]:
+def prefixes_of(sequence: ActionNumbers) -> list[ActionNumbers]:
     """Return the first action, the first two actions, and so on up to the whole sequence."""
     return [sequence[:length] for length in range(1, len(sequence) + 1)]
 
 
 def _targets_of(
-    sequence: tuple[int, ...],
-    promising: set[tuple[int, ...]],
+    sequence: ActionNumbers,
+    promising: set[ActionNumbers],
 ) -> Float32[np.ndarray, " actions"]:
     """Return ones as far as a sequence follows a feasible one, then zeros."""
     shared = 0

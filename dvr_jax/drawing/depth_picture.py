@@ -127,7 +127,9 @@ def save_depth_picture(path: str | Path, scene: Scene) -> None:
 
 
 def _scale_of(scene: Scene) -> _Scale:
-    tops = [item.height for item in scene.objects] + [min(body.top, LARGEST_HEIGHT) for body in scene.fixed]
+    tops = [item.height for item in scene.objects] + [
+        min(body.top, LARGEST_HEIGHT) for body in scene.fixed
+    ]
     farthest = SCENE_CAMERA.position[2]
 
     return _Scale(farthest - max(tops) - ROOM_ABOVE, farthest)
@@ -136,7 +138,9 @@ def _scale_of(scene: Scene) -> _Scale:
 def _masks_of(scene: Scene, view: DepthImage) -> list[_Mask]:
     """All masks, the goal's last, in colors that are light enough to be seen on black."""
     masks = []
-    for pixels, name, color in zip(view.object_masks, scene.object_names, object_colors(scene), strict=True):
+    for pixels, name, color in zip(
+        view.object_masks, scene.object_names, object_colors(scene), strict=True
+    ):
         bright = tuple(min(255, round(255 * (0.25 + 0.85 * channel))) for channel in color)
         masks.append(_Mask(pixels, name, bright))
 

@@ -83,7 +83,9 @@ def _write_title(draw: ImageDraw.ImageDraw, scene: Scene, width: int) -> None:
     end = write_line(draw, (GAP, middle), Line(f"goal: {scene.goal.sentence()}", 25, room))
 
     pairs = zip(scene.object_names, object_color_names(scene), strict=True)
-    legend = ", ".join(f"{name} is {color}" for name, color in pairs if SPELLINGS.get(name, name) != color)
+    legend = ", ".join(
+        f"{name} is {color}" for name, color in pairs if SPELLINGS.get(name, name) != color
+    )
     write_line(draw, (GAP + end + 24, middle), Line(legend, 18, room - end - 24, SOFT_INK))
 
 

@@ -164,7 +164,9 @@ def _shade(
     ambient = GROUND + (SKY - GROUND) * (normals[:, 2] + 1) / 2
     halfway = to_lamp + to_camera
     halfway /= np.linalg.norm(halfway, axis=1, keepdims=True)
-    gloss = GLOSS * np.maximum(_dot(normals, halfway), 0.0) ** GLOSS_EXPONENT * lit * (facing_lamp > 0)
+    gloss = (
+        GLOSS * np.maximum(_dot(normals, halfway), 0.0) ** GLOSS_EXPONENT * lit * (facing_lamp > 0)
+    )
 
     own_color = model.geom_rgba[hits.geom[hit], :3].astype(float)
     image[hit] = np.clip(own_color * (key + fill + ambient)[:, None] + gloss[:, None], 0.0, 1.0)
@@ -172,7 +174,9 @@ def _shade(
     return image
 
 
-def _dot(first: Float[np.ndarray, "points 3"], second: Float[np.ndarray, "points 3"]) -> Float[np.ndarray, " points"]:
+def _dot(
+    first: Float[np.ndarray, "points 3"], second: Float[np.ndarray, "points 3"]
+) -> Float[np.ndarray, " points"]:
     """Scalar products, row by row."""
     return np.asarray(np.einsum("ij,ij->i", first, second))
 

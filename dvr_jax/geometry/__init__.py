@@ -1,1 +1,4 @@
-"""Pure JAX geometry: vectors and poses, convex shapes, signed distances."""
+"""Geometry: vectors and angles, signed distances of capsules and prisms, and footprints in the plane.
+
+All is written in JAX except the footprints, which are NumPy. Start reading at `vectors`, then `wrenches` and `prisms`.
+"""

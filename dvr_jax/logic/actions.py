@@ -38,7 +38,9 @@ class Action:
         """
         match = re.fullmatch(r"\s*([^\s(),]+)\s*\(([^()]*)\)\s*", text)
         if match is None:
-            raise LogicError(f"'{text}' is no action; valid is for instance 'grasp(left, +x, yellow)'.")
+            raise LogicError(
+                f"'{text}' is no action; valid is for instance 'grasp(left, +x, yellow)'."
+            )
 
         operator, arguments = match.groups()
         return cls(operator, tuple(argument.strip() for argument in arguments.split(",")))

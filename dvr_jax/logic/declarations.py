@@ -6,7 +6,14 @@ declaration, so these are checked here.
 
 from collections import Counter
 
-from dvr_jax.logic.domain import EQUALITY, ROOT_TYPE, ActionSchema, Literal, Parameter, SymbolicDomain
+from dvr_jax.logic.domain import (
+    EQUALITY,
+    ROOT_TYPE,
+    ActionSchema,
+    Literal,
+    Parameter,
+    SymbolicDomain,
+)
 from dvr_jax.logic.errors import LogicError, listed
 
 _Scope = dict[str, frozenset[str]]

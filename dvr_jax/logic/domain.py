@@ -206,4 +206,6 @@ def _without_comments(text: str) -> str:
 
 
 def _packaged_text(file_name: str) -> str:
-    return importlib.resources.files("dvr_jax.logic").joinpath(file_name).read_text(encoding="utf-8")
+    return (
+        importlib.resources.files("dvr_jax.logic").joinpath(file_name).read_text(encoding="utf-8")
+    )

@@ -77,14 +77,17 @@ def ground_domain(
     """
     labels = constant_labels or {}
     constants = [
-        Entity(constant.name, constant.type, labels.get(constant.name, constant.name)) for constant in domain.constants
+        Entity(constant.name, constant.type, labels.get(constant.name, constant.name))
+        for constant in domain.constants
     ]
     everything = [*constants, *entities]
     _check_entities(domain, everything)
     _check_facts(domain, everything, [*initial, *goal])
 
     # A fact that no effect touches is decided by the initial state.
-    instances = [instance for action in domain.actions for instance in _instances(domain, action, everything)]
+    instances = [
+        instance for action in domain.actions for instance in _instances(domain, action, everything)
+    ]
     changing: set[Fact] = set()
     for instance in instances:
         changing |= instance.added | instance.deleted
@@ -129,16 +132,17 @@ def _assemble(
 
     label_of = {entity.name: entity.label for entity in entities}
     actions = [
-        Action(instance.operator, tuple(label_of[name] for name in instance.arguments)) for instance in instances
+        Action(instance.operator, tuple(label_of[name] for name in instance.arguments))
+        for instance in instances
     ]
-    labelled_facts = [(fact[0], *(label_of[name] for name in fact[1:])) for fact in facts]
+    labeled_facts = [(fact[0], *(label_of[name] for name in fact[1:])) for fact in facts]
     _check_distinct("actions", actions)
-    _check_distinct("facts", labelled_facts)
+    _check_distinct("facts", labeled_facts)
 
     return Grounding(
         actions=tuple(actions),
         masks=tuple(masks),
-        facts=tuple(labelled_facts),
+        facts=tuple(labeled_facts),
         initial_state=mask(initial),
         goal=mask(goal),
     )
@@ -213,11 +217,15 @@ def _assignments(
 
 def _check_entities(domain: SymbolicDomain, entities: Sequence[Entity]) -> None:
     """Raise a LogicError unless all internal names differ and all types are declared."""
-    types = {declared.name for declared in domain.types} | {declared.type for declared in domain.types}
+    types = {declared.name for declared in domain.types} | {
+        declared.type for declared in domain.types
+    }
     seen: set[str] = set()
     for entity in entities:
         if entity.name in seen:
-            raise LogicError(f"the name '{entity.name}' is given twice, or the domain has a constant of that name.")
+            raise LogicError(
+                f"the name '{entity.name}' is given twice, or the domain has a constant of that name."
+            )
         seen.add(entity.name)
 
         if domain.types and entity.type not in types:
@@ -227,16 +235,24 @@ def _check_entities(domain: SymbolicDomain, entities: Sequence[Entity]) -> None:
             )
 
 
-def _check_facts(domain: SymbolicDomain, entities: Sequence[Entity], facts: Collection[Fact]) -> None:
+def _check_facts(
+    domain: SymbolicDomain, entities: Sequence[Entity], facts: Collection[Fact]
+) -> None:
     """Raise a LogicError unless the facts of the initial state and goal fit the declared predicates."""
     declared = {predicate.name: predicate.parameters for predicate in domain.predicates}
     for predicate, *names in facts:
         text = f"({' '.join((predicate, *names))})"
         if predicate not in declared or len(declared[predicate]) != len(names):
-            raise LogicError(f"domain '{domain.name}' declares no predicate for {text} of the initial state or goal.")
+            raise LogicError(
+                f"domain '{domain.name}' declares no predicate for {text} of the initial state or goal."
+            )
 
         for name, parameter in zip(names, declared[predicate], strict=True):
-            valid = [entity.name for entity in entities if domain.is_of_type(entity.type, parameter.types)]
+            valid = [
+                entity.name
+                for entity in entities
+                if domain.is_of_type(entity.type, parameter.types)
+            ]
             if name not in valid:
                 raise LogicError(
                     f"domain '{domain.name}': '{name}' does not fit into {text} of the initial state or goal; "
@@ -252,5 +268,7 @@ def _check_distinct(kind: str, named: Sequence[object]) -> None:
     seen: set[object] = set()
     for thing in named:
         if thing in seen:
-            raise LogicError(f"two {kind} of the domain would both be called {thing}: rename one of the objects.")
+            raise LogicError(
+                f"two {kind} of the domain would both be called {thing}: rename one of the objects."
+            )
         seen.add(thing)

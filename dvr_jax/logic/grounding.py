@@ -31,9 +31,15 @@ class Grounding:
     """The bits that all must hold at the end."""
 
     _bit_of: dict[Fact, int] = field(default_factory=dict, init=False, repr=False, compare=False)
-    _index_of: dict[Action, int] = field(default_factory=dict, init=False, repr=False, compare=False)
-    _applicable: dict[int, tuple[int, ...]] = field(default_factory=dict, init=False, repr=False, compare=False)
-    _reaches: dict[tuple[int, int], bool] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _index_of: dict[Action, int] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
+    _applicable: dict[int, tuple[int, ...]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
+    _reaches: dict[tuple[int, int], bool] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     def __post_init__(self) -> None:
         self._bit_of.update({fact: 1 << index for index, fact in enumerate(self.facts)})
@@ -46,7 +52,9 @@ class Grounding:
         """
         # Kept per state: a tree search asks for the same few hundred states at thousands of nodes.
         if state not in self._applicable:
-            self._applicable[state] = tuple(index for index, masks in enumerate(self.masks) if masks.allow(state))
+            self._applicable[state] = tuple(
+                index for index, masks in enumerate(self.masks) if masks.allow(state)
+            )
         return self._applicable[state]
 
     def successor(self, state: int, index: int) -> int:
@@ -112,8 +120,12 @@ class Grounding:
 
         key = (state, length)
         if key not in self._reaches:
-            successors = dict.fromkeys(self.successor(state, index) for index in self.applicable(state))
-            self._reaches[key] = any(self.reaches_goal_in(after, length - 1) for after in successors)
+            successors = dict.fromkeys(
+                self.successor(state, index) for index in self.applicable(state)
+            )
+            self._reaches[key] = any(
+                self.reaches_goal_in(after, length - 1) for after in successors
+            )
         return self._reaches[key]
 
     def can_reach_goal(self, state: int, remaining: int) -> bool:
@@ -181,7 +193,9 @@ class Grounding:
         goal = " and ".join(map(text_of_fact, self.facts_in(self.goal)))
         steps_at_goal = [step for step, state in enumerate(states) if self.is_goal(state)]
         if not steps_at_goal:
-            raise LogicError(f"this sequence of length {len(sequence)} does not reach the goal {goal}.")
+            raise LogicError(
+                f"this sequence of length {len(sequence)} does not reach the goal {goal}."
+            )
 
         first = steps_at_goal[0]
         if first < len(sequence):
@@ -203,9 +217,13 @@ class Grounding:
         """Say what is wrong with an action that is not in `actions`, and what would be valid."""
         operators = dict.fromkeys(known.operator for known in self.actions)
         if action.operator not in operators:
-            return f"{action}: there is no operator '{action.operator}'; valid: {listed(operators)}."
+            return (
+                f"{action}: there is no operator '{action.operator}'; valid: {listed(operators)}."
+            )
 
-        arguments_of_operator = [known.arguments for known in self.actions if known.operator == action.operator]
+        arguments_of_operator = [
+            known.arguments for known in self.actions if known.operator == action.operator
+        ]
         example = Action(action.operator, arguments_of_operator[0])
         number = len(example.arguments)
         if len(action.arguments) != number:

@@ -123,8 +123,14 @@ def parse_domain(text: str, source: str = "the domain") -> SymbolicDomain:
         raise LogicError(f"{source}: numeric fluents (`:functions`) are not supported.")
 
     # The library keeps declarations in sets: sorting makes the order the same in every run.
-    types = [TypedName(_lower(child), _lower(parent or ROOT_TYPE)) for child, parent in parsed.types.items()]
-    constants = [TypedName(_lower(constant), _lower(constant.type_tag or ROOT_TYPE)) for constant in parsed.constants]
+    types = [
+        TypedName(_lower(child), _lower(parent or ROOT_TYPE))
+        for child, parent in parsed.types.items()
+    ]
+    constants = [
+        TypedName(_lower(constant), _lower(constant.type_tag or ROOT_TYPE))
+        for constant in parsed.constants
+    ]
     declarations = [
         PredicateDeclaration(_lower(predicate.name), tuple(map(_parameter, predicate.terms)))
         for predicate in parsed.predicates

@@ -77,7 +77,9 @@ def ground_task(
         LogicError: the goal object is no object, or the domain does not fit the task.
     """
     if goal_object not in objects:
-        raise LogicError(f"the goal object '{goal_object}' is no object of the scene; objects: {listed(objects)}.")
+        raise LogicError(
+            f"the goal object '{goal_object}' is no object of the scene; objects: {listed(objects)}."
+        )
 
     arm_entities = [Entity(f"a{number}", "arm", name) for number, name in enumerate(arms)]
     object_entities = [Entity(f"o{number}", "movable", name) for number, name in enumerate(objects)]
@@ -94,7 +96,9 @@ def ground_task(
 def _check_names(kind: str, names: Sequence[str]) -> None:
     """Raise a LogicError unless the names are one or more different ones."""
     if isinstance(names, str):
-        raise LogicError(f"the {kind} names are one string, {names!r}; wanted is a sequence of names.")
+        raise LogicError(
+            f"the {kind} names are one string, {names!r}; wanted is a sequence of names."
+        )
     if not names:
         raise LogicError(f"there is no {kind}; at least one is needed.")
 

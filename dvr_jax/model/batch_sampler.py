@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from dvr_jax.dataset import Examples
+from dvr_jax.dataset.examples import Examples
 from dvr_jax.model.metadata import Kind
 
 
@@ -83,17 +83,18 @@ class BatchSampler:
         # A stratum begins wherever scene or stratum change.
         sequences = sequences[np.lexsort((stratum[sequences], examples.scene[sequences]))]
         scene = examples.scene[sequences]
-        begins = (np.diff(scene, prepend=-1) != 0) | (np.diff(stratum[sequences], prepend=-1) != 0)
-        stratum_bounds = np.append(np.flatnonzero(begins), len(sequences))
+        new_scene = np.diff(scene, prepend=-1) != 0
+        new_stratum = np.diff(stratum[sequences], prepend=-1) != 0
+        begins = np.flatnonzero(new_scene | new_stratum)
+        stratum_bounds = np.append(begins, len(sequences))
 
         scenes = np.unique(scene)
-        first_of_stratum = stratum_bounds[:-1]
         feasible = sequences[examples.feasible[sequences]]
         return BatchSampler(
             sequences=sequences,
             feasible=feasible,
             stratum_bounds=stratum_bounds,
-            scene_bounds=_group_bounds(scene[first_of_stratum], scenes),
+            scene_bounds=_group_bounds(scene[begins], scenes),
             feasible_bounds=_group_bounds(examples.scene[feasible], scenes),
             batch_scenes=min(batch_scenes, len(scenes)),
             batch_size=batch_size,
@@ -116,15 +117,20 @@ class BatchSampler:
         of_others = np.resize(scenes, self.batch_size - self.least_feasible)
 
         stratum = _draw_within(generator, self.scene_bounds, of_others)
-        feasible = self.feasible[_draw_within(generator, self.feasible_bounds, of_feasible)]
-        others = self.sequences[_draw_within(generator, self.stratum_bounds, stratum)]
-        return np.concatenate([feasible, others])
+        feasible = _draw_within(generator, self.feasible_bounds, of_feasible)
+        others = _draw_within(generator, self.stratum_bounds, stratum)
+        return np.concatenate([self.feasible[feasible], self.sequences[others]])
 
-    def _draw_scenes(self, generator: np.random.Generator) -> tuple[Int[np.ndarray, " scenes"], np.ndarray]:
+    def _draw_scenes(
+        self,
+        generator: np.random.Generator,
+    ) -> tuple[Int[np.ndarray, " scenes"], Int[np.ndarray, " solved"]]:
         """Return the scenes of a batch, and those of them that have feasible sequences."""
+        number_of_scenes = len(self.scene_bounds) - 1
         while True:
-            scenes = generator.choice(len(self.scene_bounds) - 1, self.batch_scenes, replace=False)
-            solved = scenes[self.feasible_bounds[scenes] < self.feasible_bounds[scenes + 1]]
+            scenes = generator.choice(number_of_scenes, self.batch_scenes, replace=False)
+            has_feasible = self.feasible_bounds[scenes] < self.feasible_bounds[scenes + 1]
+            solved = scenes[has_feasible]
             if len(solved) or not self.least_feasible:
                 return scenes, solved
 
@@ -156,9 +162,14 @@ class BatchSampler:
         of_strata = _group_means(values[self.sequences], self.stratum_bounds)
         of_scenes = _group_means(of_strata, self.scene_bounds)
         of_feasible = _group_means(values[self.feasible], self.feasible_bounds)
-        return float(other_places * self._scene_probabilities(solved) @ of_scenes + feasible_places @ of_feasible)
 
-    def _scene_probabilities(self, solved: Bool[np.ndarray, " scenes"]) -> Float[np.ndarray, " scenes"]:
+        probabilities = self._scene_probabilities(solved)
+        return float(other_places * probabilities @ of_scenes + feasible_places @ of_feasible)
+
+    def _scene_probabilities(
+        self,
+        solved: Bool[np.ndarray, " scenes"],
+    ) -> Float[np.ndarray, " scenes"]:
         """Return the probability with which a place that may draw any sequence belongs to each scene.
 
         Scenes with feasible sequences are equally likely, and so are those without. Batches of the latter alone are
@@ -169,7 +180,8 @@ class BatchSampler:
 
         drawn_again = 0.0
         if self.least_feasible:
-            drawn_again = math.comb(unsolved, self.batch_scenes) / math.comb(scenes, self.batch_scenes)
+            all_unsolved = math.comb(unsolved, self.batch_scenes)
+            drawn_again = all_unsolved / math.comb(scenes, self.batch_scenes)
 
         probabilities = np.where(solved, 1 / scenes / (1 - drawn_again), 0.0)
         probabilities[~solved] = (1 - probabilities.sum()) / max(unsolved, 1)

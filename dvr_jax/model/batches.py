@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from dvr_jax.dataset import Examples
+from dvr_jax.dataset.examples import Examples
 from dvr_jax.model.encoding import MIRRORED
 from dvr_jax.model.metadata import Kind
 from dvr_jax.model.scene_table import SceneTable
@@ -102,6 +102,8 @@ def assemble_batch(
     if mirrored is not None:
         view_mirrored = mirrored[shown.view_scene]
     reversed_axes = view_mirrored[shown.view_of_sequence][:, None]
+    in_x = reversed_axes[..., 0].astype(int)
+    in_y = reversed_axes[..., 1].astype(int)
     symbol = table.symbol[scene[:, None], actions]
     normal = table.normal[scene[:, None], actions]
 
@@ -112,7 +114,7 @@ def assemble_batch(
         image_view=shown.image_view.astype(np.int32),
         image_pair=table.pairs[shown.view_scene[shown.image_view], shown.image_tuple],
         goal_image=shown.image_of_step[:, -1],
-        symbol=MIRRORED[reversed_axes[..., 0].astype(int), reversed_axes[..., 1].astype(int), symbol],
+        symbol=MIRRORED[in_x, in_y, symbol],
         normal=np.where(reversed_axes, -normal, normal),
         image=shown.image_of_step[:, :-1],
         target=np.where(weight, target, 0).astype(np.float32),
@@ -136,7 +138,8 @@ def _distinct_images(
     tuples_of_scene = table.pairs.shape[1]
     image_code = view_of_sequence[:, None] * tuples_of_scene + tuples
     distinct, image_of_step = np.unique(image_code, return_inverse=True)
-    image_view, image_tuple = np.divmod(_pad_to_multiple(distinct, IMAGE_MULTIPLE), tuples_of_scene)
+    padded = _pad_to_multiple(distinct, IMAGE_MULTIPLE)
+    image_view, image_tuple = np.divmod(padded, tuples_of_scene)
 
     return _DistinctImages(
         view_scene=_pad_to_multiple(view_scene, VIEW_MULTIPLE),
@@ -162,6 +165,10 @@ def _targets(
     return target, inside & (np.arange(inside.shape[1]) >= refuting_step)
 
 
-def _pad_to_multiple(values: Int[np.ndarray, " values"], multiple: int) -> Int[np.ndarray, " padded"]:
+def _pad_to_multiple(
+    values: Int[np.ndarray, " values"],
+    multiple: int,
+) -> Int[np.ndarray, " padded"]:
     """Return the values, with the first one repeated behind them until their number is a multiple."""
-    return np.append(values, np.repeat(values[:1], -len(values) % multiple))
+    missing = -len(values) % multiple
+    return np.append(values, np.repeat(values[:1], missing))

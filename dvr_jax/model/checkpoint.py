@@ -44,7 +44,10 @@ class TrainingState:
 
     def arrays_beside_parameters(self) -> dict[str, Any]:
         """Return everything but the parameters as one tree of arrays."""
-        return {"optimizer": self.optimizer, "order": np.array([self.seed, self.step], np.int64)}
+        return {
+            "optimizer": self.optimizer,
+            "order": np.array([self.seed, self.step], np.int64),
+        }
 
 
 class CheckpointFolder:
@@ -61,7 +64,11 @@ class CheckpointFolder:
         logging.getLogger("absl").setLevel(logging.ERROR)
         self.folder = folder
         folder.mkdir(parents=True, exist_ok=True)
-        options = ocp.CheckpointManagerOptions(max_to_keep=keep, enable_async_checkpointing=False)
+
+        options = ocp.CheckpointManagerOptions(
+            max_to_keep=keep,
+            enable_async_checkpointing=False,
+        )
         self._manager = ocp.CheckpointManager(folder.absolute(), options=options)
 
     def latest(self) -> int | None:
@@ -137,7 +144,9 @@ class CheckpointFolder:
         """Return the step of the latest checkpoint, and refuse a folder without any."""
         step = self.latest()
         if step is None:
-            raise DvrError(f"{self.folder}: there is no checkpoint; valid is a folder that training has written.")
+            raise DvrError(
+                f"{self.folder}: there is no checkpoint; valid is a folder that training has written."
+            )
         return step
 
     def _restore(self, step: int, parts: dict[str, Any]) -> Any:
@@ -146,7 +155,9 @@ class CheckpointFolder:
             return self._manager.restore(step, args=ocp.args.Composite(**parts))
         except (ValueError, TypeError, KeyError, FileNotFoundError) as error:
             reason = str(error).partition("\n")[0]
-            raise DvrError(f"{self._name(step)}: the checkpoint cannot be read ({reason}).") from None
+            raise DvrError(
+                f"{self._name(step)}: the checkpoint cannot be read ({reason})."
+            ) from None
 
     def _name(self, step: int) -> str:
         """Return the name of a checkpoint in messages."""

@@ -28,7 +28,9 @@ IMAGES_AT_ONCE = 8
 """Largest number of images that a kernel's gradient takes together."""
 
 
-def space_to_depth(images: Float[Array, "images height width channels"]) -> Float[Array, "images rows columns depth"]:
+def space_to_depth(
+    images: Float[Array, "images height width channels"],
+) -> Float[Array, "images rows columns depth"]:
     """Return images of even size as blocks of 2 x 2 pixels, (B, H, W, C) as (B, H/2, W/2, 4 C)."""
     number, height, width, channels = images.shape
     blocks = images.reshape(number, height // 2, 2, width // 2, 2, channels)
@@ -36,17 +38,22 @@ def space_to_depth(images: Float[Array, "images height width channels"]) -> Floa
     return blocks.reshape(number, height // 2, width // 2, 4 * channels)
 
 
-def stride_one_kernel(kernel: Float[Array, "5 5 channels outputs"]) -> Float[Array, "3 3 depth packed_outputs"]:
+def stride_one_kernel(
+    kernel: Float[Array, "5 5 channels outputs"],
+) -> Float[Array, "3 3 depth packed_outputs"]:
     """Return the 3x3 kernel of a 5x5 convolution with stride 1, (3, 3, 4 C, 4 D); the output is space to depth."""
     # A row of three blocks has six pixels. Output pixel a of the middle block is a sum over the pixels a to a + 4.
-    placed = jnp.stack(
-        [jnp.stack([_place_in_blocks(kernel, row, column) for column in range(2)], axis=-2) for row in range(2)],
-        axis=-3,
-    )
+    rows = []
+    for row in range(2):
+        columns = [_place_in_blocks(kernel, row, column) for column in range(2)]
+        rows.append(jnp.stack(columns, axis=-2))
+    placed = jnp.stack(rows, axis=-3)
     return placed.reshape(3, 3, -1, 4 * kernel.shape[-1])
 
 
-def stride_two_kernel(kernel: Float[Array, "5 5 channels outputs"]) -> Float[Array, "3 3 depth outputs"]:
+def stride_two_kernel(
+    kernel: Float[Array, "5 5 channels outputs"],
+) -> Float[Array, "3 3 depth outputs"]:
     """Return the 3x3 kernel of a 5x5 convolution with stride 2, (3, 3, 4 C, D); the output is a plain image."""
     # "SAME" pads an even size by one pixel before and two behind, so the sum is over the pixels 1 to 5 of the six.
     return _place_in_blocks(kernel, 1, 1).reshape(3, 3, -1, kernel.shape[-1])
@@ -59,7 +66,8 @@ def _place_in_blocks(
 ) -> Float[Array, "3 3 2 2 channels outputs"]:
     """Return a 5x5 kernel at an offset of 0 or 1 in 6 x 6 pixels of zeros, and these as 3 x 3 blocks of 2 x 2."""
     padded = jnp.pad(kernel, ((row, 1 - row), (column, 1 - column), (0, 0), (0, 0)))
-    return padded.reshape(3, 2, 3, 2, *kernel.shape[2:]).transpose(0, 2, 1, 3, 4, 5)
+    blocks = padded.reshape(3, 2, 3, 2, *kernel.shape[2:])
+    return blocks.transpose(0, 2, 1, 3, 4, 5)
 
 
 @jax.custom_vjp
@@ -76,7 +84,13 @@ def convolve(
     Returns:
         The sums, for images of the same size.
     """
-    return jax.lax.conv_general_dilated(images, kernel, (1, 1), "SAME", dimension_numbers=("NHWC", "HWIO", "NHWC"))
+    return jax.lax.conv_general_dilated(
+        images,
+        kernel,
+        window_strides=(1, 1),
+        padding="SAME",
+        dimension_numbers=("NHWC", "HWIO", "NHWC"),
+    )
 
 
 def _convolve_forward(images: Array, kernel: Array) -> tuple[Array, tuple[Array, Array]]:
@@ -111,15 +125,21 @@ def _kernel_gradient(
     def add_part(total: Array, images_and_gradient: tuple[Array, Array]) -> tuple[Array, None]:
         some_images, some_gradient = images_and_gradient
         padded = jnp.pad(some_images, ((0, 0), (1, 1), (1, 1), (0, 0)))
-        runs = jnp.stack([padded[:, :, x : x + run + 2] for x in range(0, width, run)], axis=2)
+        slices = [padded[:, :, x : x + run + 2] for x in range(0, width, run)]
+        runs = jnp.stack(slices, axis=2)
         runs = runs.reshape(part, height + 2, width // run, -1)
+
         outputs = some_gradient.reshape(-1, run * some_gradient.shape[-1])
-        products = [runs[:, row : row + height].reshape(len(outputs), -1).T @ outputs for row in range(3)]
+        products = []
+        for row in range(3):
+            inputs = runs[:, row : row + height].reshape(len(outputs), -1)
+            products.append(inputs.T @ outputs)
         return total + jnp.stack(products), None
 
     shape = (number // part, part, height, width, -1)
+    parts = (images.reshape(shape), gradient.reshape(shape))
     zero = jnp.zeros((3, (run + 2) * channels, run * gradient.shape[-1]), images.dtype)
-    total, _ = jax.lax.scan(add_part, zero, (images.reshape(shape), gradient.reshape(shape)))
+    total, _ = jax.lax.scan(add_part, zero, parts)
 
     # Output pixel x of a run sees the input pixels x, x + 1 and x + 2 through the three columns of the kernel.
     total = total.reshape(3, run + 2, channels, run, -1)
@@ -149,7 +169,8 @@ def take_images(
 def _take_forward(images: Array, index: Array) -> tuple[Array, tuple[Array, Array]]:
     """Return the chosen images, and what their gradient needs."""
     # An empty array carries the number of images, which is static.
-    return take_images(images, index), (index, jnp.zeros((len(images), 0), images.dtype))
+    empty = jnp.zeros((len(images), 0), images.dtype)
+    return take_images(images, index), (index, empty)
 
 
 def _take_backward(residuals: tuple[Array, Array], gradient: Array) -> tuple[Array, None]:
@@ -157,7 +178,8 @@ def _take_backward(residuals: tuple[Array, Array], gradient: Array) -> tuple[Arr
     index, images = residuals
     is_chosen = jax.nn.one_hot(index, len(images), axis=0, dtype=gradient.dtype)
     flat = gradient.reshape(len(index), -1)
-    return jnp.matmul(is_chosen, flat, precision="highest").reshape(-1, *gradient.shape[1:]), None
+    of_images = jnp.matmul(is_chosen, flat, precision="highest")
+    return of_images.reshape(-1, *gradient.shape[1:]), None
 
 
 take_images.defvjp(_take_forward, _take_backward)

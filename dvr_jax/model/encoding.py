@@ -56,11 +56,15 @@ _WORDS = {Parameter.ARM: TRAINED_ARMS, Parameter.FACE: DIRECTIONS, Parameter.SUP
 
 def _symbols_of(operator: Operator) -> Iterator[Symbol]:
     """Yield all symbols of an operator."""
-    words = [_WORDS[parameter] for parameter in operator.parameters if parameter is not Parameter.OBJECT]
+    words = [
+        _WORDS[parameter] for parameter in operator.parameters if parameter is not Parameter.OBJECT
+    ]
     yield from product((operator.name,), *words)
 
 
-SYMBOLS: tuple[Symbol, ...] = tuple(symbol for operator in OPERATORS for symbol in _symbols_of(operator))
+SYMBOLS: tuple[Symbol, ...] = tuple(
+    symbol for operator in OPERATORS for symbol in _symbols_of(operator)
+)
 """All symbols; the index of a symbol in this list is its code."""
 
 _CODES = {symbol: code for code, symbol in enumerate(SYMBOLS)}
@@ -190,12 +194,16 @@ def _split(action: Action, object_index: Mapping[str, int]) -> tuple[int, tuple[
     """Return the index of an action's object and the action's other arguments."""
     known = {operator.name: operator for operator in OPERATORS}
     if action.operator not in known:
-        raise DvrError(f"{action}: the network knows no operator '{action.operator}'; it knows: {listed(known)}.")
+        raise DvrError(
+            f"{action}: the network knows no operator '{action.operator}'; it knows: {listed(known)}."
+        )
     place = known[action.operator].parameters.index(Parameter.OBJECT)
 
     name = action.arguments[place]
     if name not in object_index:
-        raise DvrError(f"{action}: '{name}' is no object of the scene; objects: {listed(object_index)}.")
+        raise DvrError(
+            f"{action}: '{name}' is no object of the scene; objects: {listed(object_index)}."
+        )
 
     words = (*action.arguments[:place], *action.arguments[place + 1 :])
     return object_index[name], words
@@ -207,7 +215,9 @@ def _symbol(action: Action, words: tuple[str, ...], item: SceneObject) -> Symbol
     symbol = (action.operator, *words)
     if symbol not in _CODES:
         same = [" ".join(known[1:]) for known in SYMBOLS if known[0] == action.operator]
-        raise DvrError(f"{action}: the network knows no {action.operator} {words}; it knows: {listed(same)}.")
+        raise DvrError(
+            f"{action}: the network knows no {action.operator} {words}; it knows: {listed(same)}."
+        )
     return symbol
 
 
@@ -239,7 +249,8 @@ def input_signature() -> str:
 
     A network with another signature was trained on other actions.
     """
-    return hashlib.sha256(repr((domain_signature(), SYMBOLS)).encode()).hexdigest()[:16]
+    meaning = repr((domain_signature(), SYMBOLS))
+    return hashlib.sha256(meaning.encode()).hexdigest()[:16]
 
 
 def unfit_reason(scene: Scene, operators: Sequence[Operator]) -> str | None:

@@ -20,7 +20,11 @@ METADATA_ENTRY = "header"
 """Name of the metadata among the arrays of a file."""
 
 
-def export_network(path: Path, parameters: NetworkParameters, metadata: NetworkMetadata) -> None:
+def export_network(
+    path: Path,
+    parameters: NetworkParameters,
+    metadata: NetworkMetadata,
+) -> None:
     """Write a network to a file, which is written whole or not at all.
 
     Args:
@@ -28,7 +32,9 @@ def export_network(path: Path, parameters: NetworkParameters, metadata: NetworkM
         parameters: Parameters of the network.
         metadata: Metadata of the network.
     """
-    arrays: dict[str, Any] = {name: np.asarray(value) for name, value in flatten(parameters.tree, "/").items()}
+    arrays: dict[str, Any] = {}
+    for name, value in flatten(parameters.tree, "/").items():
+        arrays[name] = np.asarray(value)
     arrays[METADATA_ENTRY] = np.array(json.dumps(metadata.to_json()))
 
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -56,7 +62,9 @@ def load_parameters(path: Path) -> tuple[NetworkParameters, NetworkMetadata]:
             arrays = {name: file[name] for name in file.files}
         record = json.loads(str(arrays.pop(METADATA_ENTRY)))
     except (ValueError, KeyError, EOFError, AttributeError, TypeError, zipfile.BadZipFile):
-        raise DvrError(f"{path}: this is no exported network; valid is a file that training has written.") from None
+        raise DvrError(
+            f"{path}: this is no exported network; valid is a file that training has written."
+        ) from None
 
     metadata = NetworkMetadata.from_json(record, str(path))
     tree = traverse_util.unflatten_dict(arrays, sep="/")  # type: ignore[no-untyped-call]

@@ -18,7 +18,13 @@ from flax import linen as nn
 from jax import Array
 from jaxtyping import Bool, Float, Int, UInt8
 
-from dvr_jax.model.convolution import convolve, space_to_depth, stride_one_kernel, stride_two_kernel, take_images
+from dvr_jax.model.convolution import (
+    convolve,
+    space_to_depth,
+    stride_one_kernel,
+    stride_two_kernel,
+    take_images,
+)
 from dvr_jax.model.images import CHANNELS, MASKS_PER_IMAGE, view_channels
 from dvr_jax.model.network import INPUT_LAYERS, STATE_LAYERS, Network, NetworkParameters
 from dvr_jax.model.network_config import STRIDES
@@ -51,14 +57,23 @@ def encode_images(
     view_height, view_masks = view_channels(height, masks, scene, mirrored)
 
     images = _first_convolution(layers[0], view_height, view_masks, view, pairs)
-    images = nn.relu(convolve(images, stride_two_kernel(layers[1]["kernel"])) + layers[1]["bias"])
-    images = nn.relu(convolve(space_to_depth(images), stride_two_kernel(layers[2]["kernel"])) + layers[2]["bias"])
+    images = _halving_convolution(layers[1], images)
+    images = _halving_convolution(layers[2], space_to_depth(images))
 
     dense = parameters.tree["image_dense"]
     code = images.reshape(images.shape[0], -1) @ dense["kernel"] + dense["bias"]
     if parameters.config.pooling:
         code = code + images.max((1, 2)) @ parameters.tree["pool_dense"]["kernel"]
     return code
+
+
+def _halving_convolution(
+    layer: dict[str, Array],
+    images: Float[Array, "images rows columns depth"],
+) -> Float[Array, "images rows columns outputs"]:
+    """Return the response of a layer with stride 2 to space-to-depth images, as plain images."""
+    kernel = stride_two_kernel(layer["kernel"])
+    return nn.relu(convolve(images, kernel) + layer["bias"])
 
 
 def _first_convolution(
@@ -72,21 +87,24 @@ def _first_convolution(
 
     The convolution is linear, so the parts of heights and masks are computed one by one and then added for each image.
     """
-    height_kernel, *mask_kernels = (stride_one_kernel(layer["kernel"][:, :, i : i + 1]) for i in range(CHANNELS))
+    kernels = [layer["kernel"][:, :, channel : channel + 1] for channel in range(CHANNELS)]
+    height_kernel, *mask_kernels = map(stride_one_kernel, kernels)
     bias = jnp.tile(layer["bias"], 4)
     of_height = convolve(space_to_depth(view_height[..., None]), height_kernel) + bias
 
     # Every mask may be the first or the second of an image, so it is convolved with both kernels at once.
     view_masks = view_masks[:, :-1]
     all_masks = view_masks.reshape(-1, *view_masks.shape[2:], 1)
-    of_masks = convolve(space_to_depth(all_masks), jnp.concatenate(mask_kernels, axis=-1))
+    both_kernels = jnp.concatenate(mask_kernels, axis=-1)
+    of_masks = convolve(space_to_depth(all_masks), both_kernels)
 
     # The mask of zeros was not convolved; an index behind the last mask stands for it.
     count = view_masks.shape[1]
     index = jnp.where(pairs < count, view[:, None] * count + pairs, len(of_masks))
-    by_channel = jnp.split(of_masks, MASKS_PER_IMAGE, axis=-1)
-    parts = [take_images(part, index[:, i]) for i, part in enumerate(by_channel)]
-    return nn.relu(take_images(of_height, view) + parts[0] + parts[1])
+    of_first, of_second = jnp.split(of_masks, MASKS_PER_IMAGE, axis=-1)
+    first = take_images(of_first, index[:, 0])
+    second = take_images(of_second, index[:, 1])
+    return nn.relu(take_images(of_height, view) + first + second)
 
 
 def encode_symbols(
@@ -105,7 +123,12 @@ def encode_symbols(
         The codes of the symbols.
     """
     network, variables = parameters.network()
-    result: Any = network.apply(variables, symbols, normals, method=Network.encode_symbols)
+    result: Any = network.apply(
+        variables,
+        symbols,
+        normals,
+        method=Network.encode_symbols,
+    )
     return result
 
 
@@ -129,7 +152,14 @@ def advance(
         The logit of the action and the state after it.
     """
     network, variables = parameters.network()
-    result: Any = network.apply(variables, hidden, symbol_code, image_code, goal_code, method=Network.advance)
+    result: Any = network.apply(
+        variables,
+        hidden,
+        symbol_code,
+        image_code,
+        goal_code,
+        method=Network.advance,
+    )
     return result
 
 
@@ -184,9 +214,12 @@ def advance_from_gates(
     reset, update, candidate = jnp.split(gates, 3, axis=-1)
 
     kept = nn.sigmoid(update + of_update)
-    candidate = jnp.tanh(candidate + nn.sigmoid(reset + of_reset) * (of_candidate + cell["hn"]["bias"]))
+    admitted = nn.sigmoid(reset + of_reset)
+    candidate = jnp.tanh(candidate + admitted * (of_candidate + cell["hn"]["bias"]))
     after = (1 - kept) * candidate + kept * hidden
-    return (after @ output["kernel"] + output["bias"])[..., 0], after
+
+    logit = after @ output["kernel"] + output["bias"]
+    return logit[..., 0], after
 
 
 def run_sequence(

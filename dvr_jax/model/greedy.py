@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jaxtyping import Float, Int
@@ -63,7 +62,12 @@ class _Candidates(NamedTuple):
 class _GreedySearch:
     """Greedy sequences of a few scenes, which go on side by side."""
 
-    def __init__(self, parameters: NetworkParameters, table: SceneTable, scenes: Int[np.ndarray, " scenes"]) -> None:
+    def __init__(
+        self,
+        parameters: NetworkParameters,
+        table: SceneTable,
+        scenes: Int[np.ndarray, " scenes"],
+    ) -> None:
         self._parameters = parameters
         self._table = table
         self._scenes = scenes
@@ -102,7 +106,8 @@ class _GreedySearch:
         """Return the actions that may come next in scenes that are not yet at their goal."""
         places: list[int] = []
         actions: list[int] = []
-        for place, (grounding, state) in enumerate(zip(self._groundings, self._states, strict=True)):
+        for place, grounding in enumerate(self._groundings):
+            state = self._states[place]
             if not grounding.is_goal(state):
                 of_scene = _open_actions(grounding, state, remaining)
                 places += [place] * len(of_scene)
@@ -117,13 +122,16 @@ class _GreedySearch:
             rows = np.flatnonzero(candidates.place == place)
             best = rows[np.argmax(logits[rows])]
             action = int(candidates.action[best])
+
+            grounding = self._groundings[place]
+            self._states[place] = grounding.successor(self._states[place], action)
             self._sequences[place].append(action)
-            self._states[place] = self._groundings[place].successor(self._states[place], action)
             hidden[place] = hidden_after[best]
         self._hidden = hidden
 
     def _predict(
-        self, candidates: _Candidates
+        self,
+        candidates: _Candidates,
     ) -> tuple[Float[np.ndarray, " candidates"], Float[np.ndarray, "candidates hidden"]]:
         """Return the logits of candidates and the hidden states after them."""
         scene = self._scenes[candidates.place]
@@ -135,6 +143,7 @@ class _GreedySearch:
             first_image + self._table.tuple_index[scene, candidates.action],
             first_image + self._table.goal_tuple[scene],
         ]
+
         count = len(scene)
         padded = [_pad_rows(column, -count % ROW_MULTIPLE) for column in rows]
         logits, hidden = _advance_rows(self._parameters, self._image_codes, *padded)
@@ -170,4 +179,10 @@ def _advance_rows(
 ) -> tuple[Float[Array, " rows"], Float[Array, "rows hidden"]]:
     """Return the logits of actions and the hidden states after them."""
     symbol_code = encode_symbols(parameters, symbol, normal)
-    return advance(parameters, hidden, symbol_code, image_codes[image], jnp.asarray(image_codes[goal_image]))
+    return advance(
+        parameters,
+        hidden,
+        symbol_code,
+        image_codes[image],
+        image_codes[goal_image],
+    )

@@ -41,7 +41,10 @@ class History:
         folder.mkdir(parents=True, exist_ok=True)
         lines = [json.dumps(record) + "\n" for record in self.records]
         write_whole(self.path, "".join(lines).encode())
-        self._events = SummaryWriter(str(folder / "events"), purge_step=step + 1 if step else None)
+
+        # TensorBoard drops the same records; a new run has none to drop.
+        first_dropped = step + 1 if step else None
+        self._events = SummaryWriter(str(folder / "events"), purge_step=first_dropped)
 
     def add(self, step: int, part: str, figures: Mapping[str, float]) -> None:
         """Record figures.
@@ -89,8 +92,11 @@ def read_history(path: Path) -> list[Record]:
             if number == len(lines):
                 break
             record = None
+
         if not _is_record(record):
-            raise DvrError(f"{path}, line {number}: this is no record of a training; remove the file.")
+            raise DvrError(
+                f"{path}, line {number}: this is no record of a training; remove the file."
+            )
         records.append(record)
     return records
 
@@ -120,7 +126,8 @@ def save_curves(path: Path, records: Sequence[Record]) -> bool:
     recorded = {name for record in records for name in record}
     names = [name for name in TITLES if name == "loss" or f"validation/{name}" in recorded]
     figure = Figure(figsize=(4 * len(names), 3.2), layout="constrained")
-    for axes, name in zip(figure.subplots(1, len(names), squeeze=False)[0], names, strict=True):
+    all_axes = figure.subplots(1, len(names), squeeze=False)[0]
+    for axes, name in zip(all_axes, names, strict=True):
         for part in PARTS:
             curve = f"{part}/{name}"
             steps = [record["step"] for record in records if curve in record]
@@ -128,9 +135,11 @@ def save_curves(path: Path, records: Sequence[Record]) -> bool:
             if steps:
                 axes.plot(steps, values, label=part, marker="." if len(steps) < 30 else None)
                 axes.legend(frameon=False)
+
         axes.set(title=TITLES[name], xlabel="steps")
         axes.set_ylim(bottom=0, top=None if name == "loss" else 1.02)
         axes.locator_params(axis="x", nbins=5)
         axes.grid(alpha=0.3)
+
     figure.savefig(path, dpi=120)
     return True

@@ -11,7 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from dvr_jax.model.images import LARGEST_HEIGHT, UNIT_HEIGHT, WHOLE_PIXEL, ImageStack, scene_images, stack_images
+from dvr_jax.model.images import (
+    LARGEST_HEIGHT,
+    UNIT_HEIGHT,
+    WHOLE_PIXEL,
+    ImageStack,
+    scene_images,
+    stack_images,
+)
 from dvr_jax.runtime.files import write_whole
 from dvr_jax.scene.pinhole import SCENE_CAMERA
 from dvr_jax.scene.types import Scene
@@ -39,12 +46,14 @@ def cached_images(
     Returns:
         The images, in the order of the scenes.
     """
-    key = hashlib.sha256(repr((tuple(scenes), (size, rays), SCENE_CAMERA, _UNITS)).encode()).hexdigest()
+    content = repr((tuple(scenes), (size, rays), SCENE_CAMERA, _UNITS))
+    key = hashlib.sha256(content.encode()).hexdigest()
     images = _read(cache, key)
     if images is None:
         say(f"rendering {len(scenes)} scenes")
         most_objects = max(len(scene.objects) for scene in scenes)
-        images = stack_images([scene_images(scene, size, rays) for scene in scenes], most_objects)
+        rendered = [scene_images(scene, size, rays) for scene in scenes]
+        images = stack_images(rendered, most_objects)
         _write(cache, key, images)
     return images
 
@@ -64,5 +73,10 @@ def _write(cache: Path, key: str, images: ImageStack) -> None:
     """Write images to a file under a key."""
     cache.parent.mkdir(parents=True, exist_ok=True)
     content = io.BytesIO()
-    np.savez_compressed(content, key=np.array(key), height=images.height, masks=images.masks)
+    np.savez_compressed(
+        content,
+        key=np.array(key),
+        height=images.height,
+        masks=images.masks,
+    )
     write_whole(cache, content.getvalue())

@@ -126,17 +126,26 @@ def _check_shapes(scene: Scene, image: DepthImage, size: int) -> None:
         (pixels, pixels),
     )
     if shapes != valid:
-        raise DvrError(f"depth, objects' masks and goal's mask have the shapes {shapes}; valid are {valid}.")
+        raise DvrError(
+            f"depth, objects' masks and goal's mask have the shapes {shapes}; valid are {valid}."
+        )
     if pixels == 0 or pixels % size:
-        raise DvrError(f"the images have {pixels} x {pixels} pixels; valid is a multiple of the network's {size}.")
+        raise DvrError(
+            f"the images have {pixels} x {pixels} pixels; valid is a multiple of the network's {size}."
+        )
 
 
-def _block_means(images: Shaped[np.ndarray, "*images fine fine"], size: int) -> Float[np.ndarray, "*images size size"]:
+def _block_means(
+    images: Shaped[np.ndarray, "*images fine fine"],
+    size: int,
+) -> Float[np.ndarray, "*images size size"]:
     """Reduce images to `size` x `size` pixels, each the mean of a square block."""
     block = images.shape[-1] // size
     # A sum of slices is faster than a mean over axes of a few elements.
-    row_sums = np.asarray(np.sum([images[..., i::block, :] for i in range(block)], axis=0, dtype=np.float32))
-    sums = np.sum([row_sums[..., i::block] for i in range(block)], axis=0)
+    rows = [images[..., i::block, :] for i in range(block)]
+    row_sums = np.asarray(np.sum(rows, axis=0, dtype=np.float32))
+    columns = [row_sums[..., i::block] for i in range(block)]
+    sums = np.sum(columns, axis=0)
     return np.asarray(sums / np.float32(block**2))
 
 
@@ -179,6 +188,7 @@ def view_channels(
     def mirror(images: Shaped[Array, "views ..."]) -> Float[Array, "views ..."]:
         in_x, in_y = jnp.expand_dims(mirrored.T, tuple(range(2, images.ndim + 1)))
         images = jnp.where(in_x, images[..., ::-1], images)
-        return BRIGHTNESS * jnp.where(in_y, images[..., ::-1, :], images).astype(jnp.float32)
+        images = jnp.where(in_y, images[..., ::-1, :], images)
+        return BRIGHTNESS * images.astype(jnp.float32)
 
     return mirror(height[scene]), mirror(masks[scene]) / WHOLE_PIXEL

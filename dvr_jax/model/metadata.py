@@ -62,7 +62,9 @@ class NetworkMetadata:
         """
         metadata = _parse(record, source)
         if metadata.kind not in get_args(Kind):
-            raise DvrError(f"{source}: the kind is {metadata.kind!r}; valid: {', '.join(get_args(Kind))}.")
+            raise DvrError(
+                f"{source}: the kind is {metadata.kind!r}; valid: {', '.join(get_args(Kind))}."
+            )
         if metadata.domain != input_signature():
             raise DvrError(
                 f"{source}: it was trained for another symbolic domain (signature {metadata.domain}); valid is "
@@ -110,10 +112,16 @@ def _parse(record: Any, source: str) -> NetworkMetadata:
     except DvrError as error:
         raise DvrError(f"{source}: {error}") from None
     except (KeyError, TypeError, ValueError) as error:
-        raise DvrError(f"{source}: the metadata are incomplete or of another program ({error}).") from None
+        raise DvrError(
+            f"{source}: the metadata are incomplete or of another program ({error})."
+        ) from None
 
 
-def check_parameters(tree: ParameterTree, metadata: NetworkMetadata, source: str) -> NetworkParameters:
+def check_parameters(
+    tree: ParameterTree,
+    metadata: NetworkMetadata,
+    source: str,
+) -> NetworkParameters:
     """Check that arrays are the parameters of the network that the metadata describe.
 
     Args:
@@ -133,11 +141,16 @@ def check_parameters(tree: ParameterTree, metadata: NetworkMetadata, source: str
         shape = tuple(found[name].shape) if name in found else None
         valid = tuple(wanted[name].shape) if name in wanted else None
         if shape != valid:
-            raise DvrError(f"{source}: the array {name} has shape {shape}; its sizes ask for {valid}.")
+            raise DvrError(
+                f"{source}: the array {name} has shape {shape}; its sizes ask for {valid}."
+            )
         if found[name].dtype.kind != "f" or not np.isfinite(found[name]).all():
-            raise DvrError(f"{source}: the array {name} has values that are not finite numbers; train again.")
+            raise DvrError(
+                f"{source}: the array {name} has values that are not finite numbers; train again."
+            )
 
-    return NetworkParameters(jax.tree.map(lambda value: jnp.asarray(value, "float32"), tree), metadata.config)
+    on_device = jax.tree.map(lambda value: jnp.asarray(value, "float32"), tree)
+    return NetworkParameters(on_device, metadata.config)
 
 
 def flatten(tree: ParameterTree, separator: str) -> dict[str, Any]:

@@ -6,7 +6,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 
-def average_precision(labels: Bool[np.ndarray, "*shape"], scores: Float[np.ndarray, "*shape"]) -> float:
+def average_precision(
+    labels: Bool[np.ndarray, "*shape"],
+    scores: Float[np.ndarray, "*shape"],
+) -> float:
     """Compute the average precision of scores.
 
     It is the sum over all distinct thresholds n of (R_n - R_{n-1}) P_n, with recall R_n and precision P_n of the labels

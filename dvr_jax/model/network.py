@@ -66,7 +66,10 @@ class Network(nn.Module):
         self.cell = nn.GRUCell(config.hidden)
         self.output = nn.Dense(1)
 
-    def encode_images(self, images: Float[Array, "images height width channels"]) -> Float[Array, "images dense"]:
+    def encode_images(
+        self,
+        images: Float[Array, "images height width channels"],
+    ) -> Float[Array, "images dense"]:
         """Return the codes of action-object images; `dvr_jax.model.forward.encode_images` computes them faster."""
         for convolution in self.convolutions:
             images = nn.relu(convolution(images))
@@ -126,10 +129,11 @@ class Network(nn.Module):
         symbols: Int[Array, " images"],
     ) -> Float[Array, " images"]:
         """Return logits of first actions whose tuple is the goal's; flax initializes every parameter through it."""
-        code = self.encode_images(images)
+        image_code = self.encode_images(images)
         hidden = jnp.zeros((len(images), self.config.hidden), jnp.float32)
         normals = jnp.zeros((len(images), 2), jnp.float32)
-        logit, _ = self.advance(hidden, self.encode_symbols(symbols, normals), code, code)
+        symbol_code = self.encode_symbols(symbols, normals)
+        logit, _ = self.advance(hidden, symbol_code, image_code, image_code)
         return logit
 
 
@@ -148,9 +152,13 @@ class NetworkParameters:
 
 def parameter_shapes(config: NetworkConfig) -> ParameterTree:
     """Return the tree of parameters with shapes in place of arrays."""
-    images = jax.ShapeDtypeStruct((1, config.image_size, config.image_size, CHANNELS), jnp.float32)
-    symbols = jax.ShapeDtypeStruct((1,), jnp.int32)
-    variables: Any = jax.eval_shape(Network(config).init, jax.random.key(0), images, symbols)
+    image_shape = (1, config.image_size, config.image_size, CHANNELS)
+    variables: Any = jax.eval_shape(
+        Network(config).init,
+        jax.random.key(0),
+        jax.ShapeDtypeStruct(image_shape, jnp.float32),
+        jax.ShapeDtypeStruct((1,), jnp.int32),
+    )
     return variables["params"]
 
 

@@ -73,9 +73,13 @@ class NetworkConfig:
 
         for name, value in numbers.items():
             if type(value) is not int or not 1 <= value <= LARGEST_LAYER:
-                raise DvrError(f"the network's {name} is {value}; valid are whole numbers from 1 to {LARGEST_LAYER}.")
+                raise DvrError(
+                    f"the network's {name} is {value}; valid are whole numbers from 1 to {LARGEST_LAYER}."
+                )
         if len(self.channels) != len(STRIDES):
-            raise DvrError(f"the network's channels are {self.channels}; valid are {len(STRIDES)} numbers.")
+            raise DvrError(
+                f"the network's channels are {self.channels}; valid are {len(STRIDES)} numbers."
+            )
 
     def _check_switches(self) -> None:
         """Refuse switches that are neither true nor false."""

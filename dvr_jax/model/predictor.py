@@ -31,7 +31,13 @@ from dvr_jax.model.images import SceneImages, scene_images
 from dvr_jax.model.metadata import Kind, NetworkMetadata
 from dvr_jax.model.network import NetworkParameters
 from dvr_jax.model.network_config import NetworkConfig
-from dvr_jax.model.scene_encoding import BATCH_SIZES, SceneEncoding, encode_scene, pad_rows, predict_rows
+from dvr_jax.model.scene_encoding import (
+    BATCH_SIZES,
+    SceneEncoding,
+    encode_scene,
+    pad_rows,
+    predict_rows,
+)
 from dvr_jax.operators import Operator, ground_scene
 from dvr_jax.scene.types import Scene
 
@@ -56,9 +62,9 @@ class Predictor:
     """Images of a real camera (`dvr_jax.model.images.depth_images`); None renders every scene."""
 
     @staticmethod
-    def load(path: Path) -> Predictor:
+    def load(path: str | Path) -> Predictor:
         """Read a network from an exported file, or from the latest checkpoint of a training's folder."""
-        parameters, metadata = load_parameters(path)
+        parameters, metadata = load_parameters(Path(path))
         return Predictor(parameters, metadata)
 
     @staticmethod
@@ -157,7 +163,9 @@ class Predictor:
             count = rows.stop - first
             size = next(size for size in BATCH_SIZES if size >= count)
             before = hidden if one_state else pad_rows(hidden[rows], size)
-            result = predict_rows(self.parameters, encoding.input_gates, before, pad_rows(chosen[rows], size))
+            result = predict_rows(
+                self.parameters, encoding.input_gates, before, pad_rows(chosen[rows], size)
+            )
             probabilities[rows] = np.asarray(result[0])[:count]
             after[rows] = np.asarray(result[1])[:count]
         return probabilities, after
@@ -187,7 +195,9 @@ class Predictor:
         number_of_actions = len(encoding.grounding.actions)
         wrong = actions[(actions < 0) | (actions >= number_of_actions)]
         if len(wrong):
-            raise DvrError(f"there is no action {wrong[0]}; valid are 0 to {number_of_actions - 1}.")
+            raise DvrError(
+                f"there is no action {wrong[0]}; valid are 0 to {number_of_actions - 1}."
+            )
 
 
 def load_network(kind: str, path: Path | None = None) -> Predictor:
@@ -216,5 +226,7 @@ def _shipped(kind: str) -> Predictor:
     """Read the shipped network of a kind; the cache lets plans find its compiled programs after the first."""
     path = SHIPPED / f"{kind}.npz"
     if not path.exists():
-        raise DvrError(f"no network of the kind '{kind}' is shipped with this installation; name a file of one.")
+        raise DvrError(
+            f"no network of the kind '{kind}' is shipped with this installation; name a file of one."
+        )
     return load_network(kind, path)

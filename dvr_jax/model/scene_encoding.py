@@ -76,7 +76,8 @@ def encode_scene(
 
     # The tuples behind the scene's own have two masks of zeros.
     mask_of_zeros = len(scene.objects) + 1
-    pairs = np.full((tuples_per_object() * objects, MASKS_PER_IMAGE), mask_of_zeros, np.int32)
+    number_of_tuples = tuples_per_object() * objects
+    pairs = np.full((number_of_tuples, MASKS_PER_IMAGE), mask_of_zeros, np.int32)
     pairs[: len(actions.pairs)] = actions.pairs
 
     number_of_actions = actions_per_object() * objects
@@ -134,7 +135,13 @@ def _encode_scene(
     )
     symbol_codes = encode_symbols(parameters, jnp.asarray(symbols), jnp.asarray(normals))
     goal_code = image_codes[jnp.asarray(goal)]
-    gates = input_gates(parameters, symbol_codes, image_codes, jnp.asarray(tuples), goal_code)
+    gates = input_gates(
+        parameters,
+        symbol_codes,
+        image_codes,
+        jnp.asarray(tuples),
+        goal_code,
+    )
 
     most_actions = actions_per_object() * MAXIMUM_OBJECTS
     return jnp.pad(gates, ((0, most_actions - len(gates)), (0, 0)))
@@ -148,5 +155,6 @@ def predict_rows(
     actions: Int[Array | np.ndarray, " rows"],
 ) -> tuple[Float[Array, " rows"], Float[Array, "rows hidden"]]:
     """Return the probabilities of actions and the hidden states after them."""
-    logit, after = advance_from_gates(parameters, jnp.asarray(hidden), gates[jnp.asarray(actions)])
+    chosen_gates = gates[jnp.asarray(actions)]
+    logit, after = advance_from_gates(parameters, jnp.asarray(hidden), chosen_gates)
     return jax.nn.sigmoid(logit), after

@@ -50,9 +50,17 @@ def batch_logits(
         jnp.asarray(batch.image_view),
         jnp.asarray(batch.image_pair),
     )
-    symbol_codes = encode_symbols(parameters, jnp.asarray(batch.symbol), jnp.asarray(batch.normal))
-    goal_codes = image_codes[jnp.asarray(batch.goal_image)]
-    return run_sequence(parameters, symbol_codes, image_codes[jnp.asarray(batch.image)], goal_codes)
+    symbol_codes = encode_symbols(
+        parameters,
+        jnp.asarray(batch.symbol),
+        jnp.asarray(batch.normal),
+    )
+    return run_sequence(
+        parameters,
+        symbol_codes,
+        image_codes[jnp.asarray(batch.image)],
+        image_codes[jnp.asarray(batch.goal_image)],
+    )
 
 
 def weighted_loss(
@@ -129,11 +137,16 @@ def train_step(
     """
 
     def loss_of(tree: ParameterTree) -> Float[Array, ""]:
-        logits = batch_logits(NetworkParameters(tree, parameters.config), height, masks, batch)
+        candidate = NetworkParameters(tree, parameters.config)
+        logits = batch_logits(candidate, height, masks, batch)
         loss, _ = weighted_loss(logits, batch.target, batch.weight, positive_weight)
         return loss
 
     loss, gradient = jax.value_and_grad(loss_of)(parameters.tree)
     direction, optimizer = ADAM.update(gradient, optimizer)
-    tree = jax.tree.map(lambda old, change: old - learning_rate * change, parameters.tree, direction)
+    tree = jax.tree.map(
+        lambda old, change: old - learning_rate * change,
+        parameters.tree,
+        direction,
+    )
     return NetworkParameters(tree, parameters.config), optimizer, loss

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Int
 
-from dvr_jax.dataset import Examples
+from dvr_jax.dataset.examples import Examples
 from dvr_jax.errors import DvrError
 from dvr_jax.model.batch_sampler import BatchSampler
 from dvr_jax.model.encoding import actions_per_object
@@ -80,6 +80,7 @@ def prepare_training_data(
     aside = trained[:0]
     if held_out is None:
         trained, aside = _split(examples, options.held_out)
+
     sampler = BatchSampler.from_examples(
         examples,
         trained,
@@ -90,18 +91,28 @@ def prepare_training_data(
     )
     positive_weight = options.positive_weight
     if positive_weight is None:
-        positive_weight = _balancing_weight(sampler.fraction_of_ones(examples, options.kind))
+        fraction_of_ones = sampler.fraction_of_ones(examples, options.kind)
+        positive_weight = _balancing_weight(fraction_of_ones)
 
     validation = None
     if held_out is not None:
         held_out = _weigh_unknown_targets(held_out, options.unknown)
         held_out_table = _check_and_render_held_out(options, examples, held_out, say)
+        everything = np.arange(len(held_out.scene))
         validation = _validation(
-            options, held_out, held_out_table, np.arange(len(held_out.scene)), positive_weight, oracle
+            options, held_out, held_out_table, everything, positive_weight, oracle
         )
     elif len(aside):
         validation = _validation(options, examples, table, aside, positive_weight, oracle)
-    return TrainingData(examples, table, sampler, positive_weight, validation, _fingerprint(examples))
+
+    return TrainingData(
+        examples=examples,
+        table=table,
+        sampler=sampler,
+        positive_weight=positive_weight,
+        validation=validation,
+        fingerprint=_fingerprint(examples),
+    )
 
 
 def check_examples(examples: Examples, source: str) -> None:
@@ -130,31 +141,42 @@ def check_examples(examples: Examples, source: str) -> None:
     for name, valid in valid_shapes.items():
         shape = getattr(examples, name).shape
         if shape != valid:
-            raise DvrError(f"{source}: {name} has shape {shape}; the {number} scene indices ask for {valid}.")
+            raise DvrError(
+                f"{source}: {name} has shape {shape}; the {number} scene indices ask for {valid}."
+            )
 
     _check_range("scene", examples.scene, 0, len(examples.scenes) - 1, source)
     _check_range("length", examples.length, 1, longest, source)
     _check_actions(examples, source)
 
 
-def _check_range(name: str, values: Int[np.ndarray, " values"], low: int, high: int, source: str) -> None:
+def _check_range(
+    name: str,
+    values: Int[np.ndarray, " values"],
+    low: int,
+    high: int,
+    source: str,
+) -> None:
     """Refuse values outside of a range."""
     if values.min() < low or values.max() > high:
-        raise DvrError(f"{source}: {name} goes from {values.min()} to {values.max()}; valid is {low} to {high}.")
+        raise DvrError(
+            f"{source}: {name} goes from {values.min()} to {values.max()}; valid is {low} to {high}."
+        )
 
 
 def _check_actions(examples: Examples, source: str) -> None:
     """Refuse actions that the scene of their sequence does not have."""
-    number_of_actions = np.array([actions_per_object() * len(scene.objects) for scene in examples.scenes])
+    number_of_objects = np.array([len(scene.objects) for scene in examples.scenes])
+    number_of_actions = (actions_per_object() * number_of_objects)[examples.scene]
+
     inside = np.arange(examples.actions.shape[1]) < examples.length[:, None]
-    valid = (examples.actions >= 0) & (examples.actions < number_of_actions[examples.scene][:, None])
+    valid = (examples.actions >= 0) & (examples.actions < number_of_actions[:, None])
     wrong = inside & ~valid
     if wrong.any():
         row, step = np.argwhere(wrong)[0]
-        last = number_of_actions[examples.scene[row]] - 1
         raise DvrError(
             f"{source}: sequence {row} has action {examples.actions[row, step]} at step {step + 1}; "
-            f"valid are 0 to {last}."
+            f"valid are 0 to {number_of_actions[row] - 1}."
         )
 
 
@@ -173,15 +195,24 @@ def held_out_scenes(scenes: Sequence[Scene], fraction: float) -> Bool[np.ndarray
     """
     if not 0 <= fraction < 1:
         raise DvrError(f"the held-out fraction is {fraction}; valid is from 0 to below 1.")
-    hashes = [int.from_bytes(hashlib.sha256(scene_to_json(scene).encode()).digest()[:4]) for scene in scenes]
+
+    hashes = []
+    for scene in scenes:
+        digest = hashlib.sha256(scene_to_json(scene).encode()).digest()
+        hashes.append(int.from_bytes(digest[:4]))
     return np.array(hashes, np.int64) < fraction * 2**32
 
 
-def _split(examples: Examples, fraction: float) -> tuple[Int[np.ndarray, " trained"], Int[np.ndarray, " held_out"]]:
+def _split(
+    examples: Examples,
+    fraction: float,
+) -> tuple[Int[np.ndarray, " trained"], Int[np.ndarray, " held_out"]]:
     """Return the sequences that are trained on and those whose scenes are held out."""
     is_held_out = held_out_scenes(examples.scenes, fraction)[examples.scene]
     if is_held_out.all():
-        raise DvrError(f"all {len(examples.scenes)} scenes are held out; give more scenes or a smaller --held-out.")
+        raise DvrError(
+            f"all {len(examples.scenes)} scenes are held out; give more scenes or a smaller --held-out."
+        )
     return np.flatnonzero(~is_held_out), np.flatnonzero(is_held_out)
 
 
@@ -199,7 +230,12 @@ def _balancing_weight(fraction_of_ones: float) -> float:
     return 1.0
 
 
-def _check_and_render_held_out(options: TrainOptions, examples: Examples, held_out: Examples, say: Say) -> SceneTable:
+def _check_and_render_held_out(
+    options: TrainOptions,
+    examples: Examples,
+    held_out: Examples,
+    say: Say,
+) -> SceneTable:
     """Return the table of separate held-out scenes, and refuse those that are trained on."""
     check_examples(held_out, "--validation")
     common = set(examples.scenes) & set(held_out.scenes)
@@ -229,7 +265,12 @@ def _validation(
     )
 
 
-def _render(scenes: Sequence[Scene], options: TrainOptions, cache: Path, say: Say) -> SceneTable:
+def _render(
+    scenes: Sequence[Scene],
+    options: TrainOptions,
+    cache: Path,
+    say: Say,
+) -> SceneTable:
     """Return the table of scenes, with images from the cache if it has them."""
     images = cached_images(scenes, options.image_size, options.rays, cache, say)
     return build_scene_table(scenes, images)

@@ -141,11 +141,15 @@ class TrainOptions:
         if not 0 <= self.seed < 2**63:
             raise DvrError(f"--seed is {self.seed}; valid is 0 to 2^63 - 1.")
         if not 0 <= self.cooldown <= self.steps:
-            raise DvrError(f"--cooldown is {self.cooldown}; valid is 0 to {self.steps}, the --steps.")
+            raise DvrError(
+                f"--cooldown is {self.cooldown}; valid is 0 to {self.steps}, the --steps."
+            )
         if self.validation_scenes < 0:
             raise DvrError(f"--validation-scenes is {self.validation_scenes}; valid is 0 or more.")
         if not 0 <= self.least_feasible <= self.batch:
-            raise DvrError(f"--least-feasible is {self.least_feasible}; valid is 0 to {self.batch}, the batch.")
+            raise DvrError(
+                f"--least-feasible is {self.least_feasible}; valid is 0 to {self.batch}, the batch."
+            )
 
     def _check_weights_and_rates(self) -> None:
         """Refuse weights and rates that make no sense."""
@@ -154,4 +158,6 @@ class TrainOptions:
         for name in ("learning_rate", "positive_weight"):
             value = getattr(self, name)
             if value is not None and not 0 < value < float("inf"):
-                raise DvrError(f"--{name.replace('_', '-')} is {value}; valid is a positive number.")
+                raise DvrError(
+                    f"--{name.replace('_', '-')} is {value}; valid is a positive number."
+                )

@@ -44,7 +44,10 @@ def write_training_record(
 
     record = {
         "command": shlex.join(["python", "-m", "dvr_jax.train", *command]),
-        "network": {"sha256": hashlib.sha256(network.read_bytes()).hexdigest(), **metadata.to_json()},
+        "network": {
+            "sha256": hashlib.sha256(network.read_bytes()).hexdigest(),
+            **metadata.to_json(),
+        },
         "parameters": sum(leaf.size for leaf in jax.tree.leaves(parameters)),
         "versions": versions() | {name: version(name) for name in ("flax", "optax")},
         "counts": {

@@ -42,7 +42,12 @@ _COURSE_OPTIONS = (
 """Options on which the course of a training depends."""
 
 
-def train(options: TrainOptions, data: TrainingData, config: NetworkConfig, say: Say = print) -> NetworkParameters:
+def train(
+    options: TrainOptions,
+    data: TrainingData,
+    config: NetworkConfig,
+    say: Say = print,
+) -> NetworkParameters:
     """Train from the start, or from the latest checkpoint in `options.out`.
 
     The folder `options.out` then has the network, the checkpoints, the history and the curves.
@@ -61,6 +66,7 @@ def train(options: TrainOptions, data: TrainingData, config: NetworkConfig, say:
     """
     checkpoints = CheckpointFolder(options.out / "checkpoints")
     state = _initial_state(options, data, config, checkpoints, say)
+
     with History(options.out, state.step) as history:
         report = _Report(options, history, say)
         for step in range(state.step + 1, options.steps + 1):
@@ -120,13 +126,17 @@ def _initial_state(
 ) -> TrainingState:
     """Return the state of the latest checkpoint, or that of a new run."""
     parameters = initial_parameters(config, options.seed)
-    state = TrainingState(parameters, ADAM.init(parameters.tree), step=0, seed=options.seed)
+    optimizer = ADAM.init(parameters.tree)
+    state = TrainingState(parameters, optimizer, step=0, seed=options.seed)
+
     latest = checkpoints.latest()
     if latest is None:
         return state
 
     if latest > options.steps:
-        raise DvrError(f"--steps is {options.steps}; the run in {options.out} is already at step {latest}.")
+        raise DvrError(
+            f"--steps is {options.steps}; the run in {options.out} is already at step {latest}."
+        )
     state = checkpoints.restore(state, _metadata(options, data, config, latest))
     say(f"continues at step {state.step}")
     return state
@@ -140,8 +150,11 @@ def _train_on_batch(
 ) -> tuple[TrainingState, Float[Array, ""]]:
     """Return the state after a step and the loss before it; the arrays of the old state are consumed."""
     sequences = data.sampler.draw(options.seed, step)
-    mirrored = draw_mirrored(len(data.examples.scenes), options.seed, step) if options.mirror else None
+    mirrored = None
+    if options.mirror:
+        mirrored = draw_mirrored(len(data.examples.scenes), options.seed, step)
     batch = assemble_batch(data.examples, data.table, sequences, options.kind, mirrored)
+
     parameters, optimizer, loss = train_step(
         state.parameters,
         state.optimizer,
@@ -159,7 +172,11 @@ def _is_due(step: int, every: int, last_step: int) -> bool:
     return step % every == 0 or step == last_step
 
 
-def _save_checkpoint(checkpoints: CheckpointFolder, state: TrainingState, metadata: NetworkMetadata) -> None:
+def _save_checkpoint(
+    checkpoints: CheckpointFolder,
+    state: TrainingState,
+    metadata: NetworkMetadata,
+) -> None:
     """Write a checkpoint, unless the parameters are no longer finite."""
     norm = float(optax.tree.norm(state.parameters.tree))
     _require_finite("norm of the parameters", norm, state.step)
@@ -172,7 +189,12 @@ def _require_finite(name: str, value: float, step: int) -> None:
         raise DvrError(f"the {name} is {value} at step {step}; a smaller --learning-rate may help.")
 
 
-def _metadata(options: TrainOptions, data: TrainingData, config: NetworkConfig, step: int) -> NetworkMetadata:
+def _metadata(
+    options: TrainOptions,
+    data: TrainingData,
+    config: NetworkConfig,
+    step: int,
+) -> NetworkMetadata:
     """Return the metadata of the network after a step, with everything on which the course up to there depends.
 
     The number of steps is part of it only once the learning rate falls towards the last step, so that a run can be

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Int
 
-from dvr_jax.dataset import Examples
+from dvr_jax.dataset.examples import Examples
 from dvr_jax.logic import Action
 from dvr_jax.model.batches import assemble_batch
 from dvr_jax.model.greedy import greedy_sequences
@@ -136,8 +136,14 @@ class Validation:
             batch = batch._replace(weight=batch.weight * is_counted[:, None])
 
             loss, denominator, logits = evaluate_batch(
-                parameters, self.table.height, self.table.masks, batch, positive_weight
+                parameters,
+                self.table.height,
+                self.table.masks,
+                batch,
+                positive_weight,
             )
+
+            # Unknown targets have a smaller weight in the loss and do not count here.
             has_full_weight = batch.weight == 1
             losses.append(float(loss) * float(denominator))
             denominators.append(float(denominator))
@@ -163,7 +169,8 @@ class Validation:
                 self.oracle_verdicts.update(zip(unknown, verdicts, strict=True))
 
         return [
-            feasible or self.oracle_verdicts.get(task, False) for task, feasible in zip(tasks, by_labels, strict=True)
+            feasible or self.oracle_verdicts.get(task, False)
+            for task, feasible in zip(tasks, by_labels, strict=True)
         ]
 
     def _with_actions(self, task: SceneSequence) -> tuple[Scene, tuple[Action, ...]]:
@@ -180,8 +187,9 @@ def _feasible_sequences(
     """Return the feasible ones among these sequences, by scene."""
     found: dict[int, set[tuple[int, ...]]] = {}
     for index in sequences[examples.feasible[sequences]]:
+        scene = int(examples.scene[index])
         actions = examples.actions[index, : examples.length[index]]
-        found.setdefault(int(examples.scene[index]), set()).add(tuple(int(action) for action in actions))
+        found.setdefault(scene, set()).add(tuple(actions.tolist()))
     return found
 
 

@@ -10,11 +10,11 @@ from dvr_jax.geometry.arrays import Array
 from dvr_jax.modes.mode import Attachment
 
 
-def standing_pose(attached: Attachment) -> Float[Array, "4 *batch"]:
-    """The initial pose: x, y, z [m] and yaw [rad]."""
+def standing_pose(attached: Attachment) -> Float[Array, "4 *#batch"]:
+    """Poses of fixed objects, which are their initial ones: x, y, z [m] and yaw [rad]."""
     return attached.initial_pose
 
 
 def pose_on_host(initial_pose: Float[np.ndarray, " 4"]) -> tuple[Rotation, Float[np.ndarray, " 3"]]:
-    """The same pose for one object with NumPy: rotation and position [m]."""
+    """Rotation and position [m] of one fixed object with NumPy, from its x, y, z [m] and yaw [rad]."""
     return Rotation.from_euler("z", initial_pose[3]), initial_pose[:3]

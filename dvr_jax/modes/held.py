@@ -1,11 +1,17 @@
-r"""The mode of an object in a gripper: rigidly attached to it.
+"""The mode of an object that a gripper holds: it is rigidly attached to the hand.
 
-Parameters: ``m = (tangent, height, pitch, yaw)`` place the gripper in the object's frame, ``T_object_hand``. With the yaw
-``phi = closing_yaw + m[3]`` of the closing axis, the closing axis (hand y) is ``n = (cos phi, sin phi, 0)``, the horizontal
-tangent of the face is ``u = z x n``, the approach (hand z) is ``sin(pitch) u - cos(pitch) z`` (pitch 0: straight down), and
-the gripper's center is ``m[0] u + m[1] z``: in the object's middle between the fingers, as a parallel gripper takes it.
+The mode parameters ``m = (tangent, height, pitch, yaw)`` place the gripper in the object's frame, ``T_object_hand``.
+With the yaw ``phi = closing_yaw + yaw``,
 
-The object's pose in the world follows from the hand's:
+    closing axis (hand y)         n = (cos(phi), sin(phi), 0),
+    horizontal tangent            u = z x n = (-sin(phi), cos(phi), 0),
+    approach axis (hand z)        sin(pitch) u - cos(pitch) z,  straight down at pitch 0,
+    hand x                        cos(pitch) u + sin(pitch) z,
+    center of the gripper         tangent u + height z.
+
+The center has no component along n, because a parallel gripper takes the object in the middle between its fingers.
+
+The object's pose in the world follows from the pose of the hand:
 
     T_world_object = T_world_hand T_object_hand^-1.
 """
@@ -20,7 +26,16 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation as HostRotation
 
 from dvr_jax.geometry.arrays import Array
-from dvr_jax.geometry.vectors import Rotation, Vector, compose, cross, materialize, rotate, transpose, vector
+from dvr_jax.geometry.vectors import (
+    Rotation,
+    Vector,
+    compose,
+    cross,
+    materialize,
+    rotate,
+    transpose,
+    vector,
+)
 from dvr_jax.modes.mode import PARAMETERS, Attachment, HandPoses
 
 
@@ -41,7 +56,7 @@ class GraspFrame(NamedTuple):
 
 
 class HeldPoses(NamedTuple):
-    """World poses of held objects, and what their twists are made of."""
+    """World poses of held objects, and what `twists` computes their twists from."""
 
     rotation: Rotation
     """Axes of the objects (3, 3, ...)."""
@@ -56,12 +71,15 @@ class HeldPoses(NamedTuple):
     """The gripper in the object's frame."""
 
 
-def grasp_frame(m: Float[Array, "4 *batch"], closing_yaw: Float[Array, "*batch"]) -> GraspFrame:
+def grasp_frame(m: Float[Array, "4 *#batch"], closing_yaw: Float[Array, "*#batch"]) -> GraspFrame:
     """The gripper in the object's frame, by the definition in the module's docstring.
 
     Args:
         m: Mode parameters.
         closing_yaw: Yaw of the closing axis before the fourth parameter is added [rad].
+
+    Returns:
+        Pose of the gripper in the object's frame.
     """
     phi = closing_yaw + m[3]
     c, s, cp, sp = materialize((jnp.cos(phi), jnp.sin(phi), jnp.cos(m[2]), jnp.sin(m[2])))
@@ -78,8 +96,13 @@ def poses(attached: Attachment, hands: HandPoses) -> HeldPoses:
     Args:
         attached: How the objects are attached, batch axes (N, L).
         hands: Poses of the grippers.
+
+    Returns:
+        Poses with the same batch axes; they have no meaning where an object is not held.
     """
     frame = materialize(grasp_frame(attached.parameters, attached.closing_yaw))
+
+    # The hand of each object's parent, selected arm after arm.
     hand_R = hands.rotation[:, :, 0, None]
     hand_p = hands.position[:, 0, None]
     for arm in range(1, hands.position.shape[1]):
@@ -92,13 +115,23 @@ def poses(attached: Attachment, hands: HandPoses) -> HeldPoses:
     return HeldPoses(R, p, hand_p, frame)
 
 
-def twists(held: HeldPoses, position: Vector) -> tuple[Float[Array, "3 4 *batch"], Float[Array, "3 4 *batch"]]:
-    """Twists of held objects by their mode parameters.
+def twists(
+    held: HeldPoses, position: Vector
+) -> tuple[Float[Array, "3 4 *#batch"], Float[Array, "3 4 *#batch"]]:
+    """World twist of held objects at unit rate of each mode parameter, while the hand stands still.
 
-    With the hand standing still, the object moves against the hand's motion in the object's frame.
+    The object moves against the motion that the hand would have in the object's frame. With the closing axis n and the
+    tangent u in world axes, and with the object's own vertical axis z,
+
+        tangent    velocity -u,
+        height     velocity -z,
+        pitch      angular velocity -n about the center of the gripper,
+        yaw        angular velocity -z about the center of the object.
+
+    A body that turns with angular velocity w about a point c has the velocity ``c x w`` at the world's origin.
 
     Args:
-        held: Poses of the objects as held ones.
+        held: Poses of the objects, as if all were held.
         position: Centers of the objects (3, ...) [m], materialized.
 
     Returns:
@@ -107,14 +140,17 @@ def twists(held: HeldPoses, position: Vector) -> tuple[Float[Array, "3 4 *batch"
     frame = held.frame
     axes = held.rotation
     normal, tangent = materialize(
-        (frame.cosine * axes[0] + frame.sine * axes[1], frame.cosine * axes[1] - frame.sine * axes[0])
+        (
+            frame.cosine * axes[0] + frame.sine * axes[1],
+            frame.cosine * axes[1] - frame.sine * axes[0],
+        )
     )
     z = axes[2]
     pitch_spin, yaw_spin = materialize((cross(normal, held.hand_position), cross(z, position)))
     batch = (1,) * (position.ndim - 1)
 
     def column(values: Vector, parameter: int) -> Array:
-        """(3, ...) as the column of one parameter, (3, 4, ...), zero in all others."""
+        """Twist by one parameter: (3, ...) to (3, 4, ...), with zero for all other parameters."""
         # One-hot products in place of stacks keep this one kernel.
         one_hot = np.eye(PARAMETERS, dtype=position.dtype)[parameter].reshape(-1, *batch)
         return values[:, None] * one_hot

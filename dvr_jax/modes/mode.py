@@ -18,7 +18,7 @@ class ModeKind(IntEnum):
     """How an object is attached during a phase."""
 
     ABSENT = -1
-    """The object is left out of the world: a relaxation."""
+    """The object is left out of the world, which makes a problem easier: a relaxation."""
 
     FIXED = 0
     """The object stands where the scene has it."""
@@ -31,27 +31,27 @@ class ModeKind(IntEnum):
 
 
 class Attachment(NamedTuple):
-    """How objects are attached, with the mode parameters of the actions that they are attached by.
+    """How objects are attached, and the mode parameters of the actions that attached them.
 
     The batch axes are the same for all fields, usually (objects, slices).
     """
 
-    kind: Int[Array, "*batch"]
+    kind: Int[Array, "*#batch"]
     """A `ModeKind`."""
 
-    parent: Int[Array, "*batch"]
+    parent: Int[Array, "*#batch"]
     """The arm that holds a held object; 0 for all others."""
 
-    parameters: Float[Array, "4 *batch"]
+    parameters: Float[Array, "4 *#batch"]
     """Mode parameters of the action that attached the object; without meaning where the object is fixed."""
 
-    closing_yaw: Float[Array, "*batch"]
+    closing_yaw: Float[Array, "*#batch"]
     """Yaw of a held object's closing axis in the object's frame, before the fourth parameter is added [rad]."""
 
-    initial_pose: Float[Array, "4 *batch"]
+    initial_pose: Float[Array, "4 *#batch"]
     """Where the scene has the object: x, y, z of its center [m] and its yaw [rad]."""
 
-    half_height: Float[Array, "*batch"]
+    half_height: Float[Array, "*#batch"]
     """Half the object's height [m]."""
 
 
@@ -66,7 +66,7 @@ class HandPoses(NamedTuple):
 
 
 class ObjectPoses(NamedTuple):
-    """World poses of objects and how they move."""
+    """World poses of objects, and how the objects move with mode parameters and joints."""
 
     rotation: Float[Array, "3 3 objects slices"]
     """Axes of the objects, columns first."""
@@ -75,8 +75,10 @@ class ObjectPoses(NamedTuple):
     """Centers of the objects [m]."""
 
     twists: Float[Array, "6 4 objects slices"]
-    """For each mode parameter the object's world twist at unit rate: angular velocity, then the velocity of the point at
-    the world's origin."""
+    """World twist of each object at unit rate of each mode parameter.
+
+    A twist is the angular velocity, then the velocity of the point at the world's origin.
+    """
 
     held: Bool[Array, "arms objects slices"]
     """True where an arm holds the object, which then moves with all joints of that arm."""

@@ -1,7 +1,7 @@
-"""The mode of an object that an action has placed: upright on the table, wherever the parameters say.
+"""The mode of an object that an action has placed: it stands upright on the table where the parameters say.
 
-Parameters: ``m = (x, y, yaw, -)``, the object's center [m] and yaw [rad] in the world; the fourth is pinned to zero. The
-center's height is half the object's height.
+The mode parameters are ``m = (x, y, yaw, 0)``: the object's center [m] and yaw [rad] in the world. The fourth parameter
+is not used and is kept at zero. The center's height is half the object's height.
 """
 
 from __future__ import annotations
@@ -16,14 +16,17 @@ from dvr_jax.geometry.vectors import Vector, vector
 from dvr_jax.modes.mode import PARAMETERS, Attachment
 
 
-def standing_pose(attached: Attachment) -> Float[Array, "4 *batch"]:
-    """The pose: x, y, z [m] and yaw [rad]."""
+def standing_pose(attached: Attachment) -> Float[Array, "4 *#batch"]:
+    """Poses of placed objects: x, y, z [m] and yaw [rad]."""
     m = attached.parameters
     return jnp.stack(jnp.broadcast_arrays(m[0], m[1], attached.half_height, m[2]))
 
 
-def twists(position: Vector) -> tuple[Float[Array, "3 4 *batch"], Float[Array, "3 4 *batch"]]:
-    """Twists by the parameters: unit velocities along x and y, and a turn about the vertical axis through the center.
+def twists(position: Vector) -> tuple[Float[Array, "3 4 *#batch"], Float[Array, "3 4 *#batch"]]:
+    """World twist of placed objects at unit rate of each mode parameter.
+
+    The first two parameters move the object along x and y. The third turns it about the vertical axis through its
+    center p: its angular velocity is z, and the velocity of the point at the world's origin is ``p x z``.
 
     Args:
         position: Centers of the objects (3, ...) [m].
@@ -33,20 +36,23 @@ def twists(position: Vector) -> tuple[Float[Array, "3 4 *batch"], Float[Array, "
     """
     ones = np.ones(position.ndim - 1, dtype=int)
 
-    def column(values: Array | np.ndarray, parameter: int) -> Array:
-        """(3, ...) as the column of one parameter, (3, 4, ...), zero in all others."""
+    def column(values: Array, parameter: int) -> Array:
+        """Twist by one parameter: (3, ...) to (3, 4, ...), with zero for all other parameters."""
         # One-hot products in place of stacks keep this one kernel.
         one_hot = np.eye(PARAMETERS, dtype=position.dtype)[parameter].reshape(-1, *ones)
         return jnp.asarray(values)[:, None] * one_hot
 
+    # Unit vectors of the world with broadcast axes.
     x, y, up = (np.eye(3, dtype=position.dtype)[axis].reshape(-1, *ones) for axis in range(3))
     zero = jnp.zeros_like(position[0])
     spin = vector(position[1], -position[0], zero)
     return column(up, 2), column(x, 0) + column(y, 1) + column(spin, 2)
 
 
-def pose_on_host(m: Float[np.ndarray, " 4"], half_height: float) -> tuple[Rotation, Float[np.ndarray, " 3"]]:
-    """The pose of one object with NumPy.
+def pose_on_host(
+    m: Float[np.ndarray, " 4"], half_height: float
+) -> tuple[Rotation, Float[np.ndarray, " 3"]]:
+    """Pose of one placed object with NumPy.
 
     Args:
         m: Mode parameters.

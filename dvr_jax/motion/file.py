@@ -67,9 +67,13 @@ def _read_arrays(file: BinaryIO, path: str | Path) -> list[np.ndarray]:
     """Read the arrays of an open archive in the order of `ARRAYS`."""
     archive = np.load(file, allow_pickle=False)
     if not isinstance(archive, np.lib.npyio.NpzFile):
-        raise MotionError(f"{path} is no .npz archive; valid is one with the arrays {', '.join(ARRAYS)}.")
+        raise MotionError(
+            f"{path} is no .npz archive; valid is one with the arrays {', '.join(ARRAYS)}."
+        )
 
     missing = [name for name in ARRAYS if name not in archive]
     if missing:
-        raise MotionError(f"{path} lacks {', '.join(missing)}; a motion has the arrays {', '.join(ARRAYS)}.")
+        raise MotionError(
+            f"{path} lacks {', '.join(missing)}; a motion has the arrays {', '.join(ARRAYS)}."
+        )
     return [archive[name] for name in ARRAYS]

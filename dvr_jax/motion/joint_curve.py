@@ -13,7 +13,9 @@ from jaxtyping import Float
 from scipy.interpolate import PchipInterpolator
 
 
-def joint_curve(home: Float[np.ndarray, " joints"], q: Float[np.ndarray, "slices joints"]) -> PchipInterpolator:
+def joint_curve(
+    home: Float[np.ndarray, " joints"], q: Float[np.ndarray, "slices joints"]
+) -> PchipInterpolator:
     """Interpolate the joint angles of a path over its slices.
 
     Args:

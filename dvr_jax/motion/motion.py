@@ -76,7 +76,9 @@ def _validate_shapes(motion: Motion) -> None:
         ("switch", motion.switch, 1),
     ):
         if array.ndim != axes:
-            raise MotionError(f"the motion's {name} has shape {array.shape}; valid is an array with {axes} axes.")
+            raise MotionError(
+                f"the motion's {name} has shape {array.shape}; valid is an array with {axes} axes."
+            )
 
     samples = len(motion.time)
     if samples < 2:
@@ -92,13 +94,17 @@ def _validate_numbers(motion: Motion) -> None:
         finite = np.isfinite(array)
         if not finite.all():
             sample = int(np.argwhere(~finite)[0, 0])
-            raise MotionError(f"the motion's {name} is not finite at sample {sample}; valid are finite numbers.")
+            raise MotionError(
+                f"the motion's {name} is not finite at sample {sample}; valid are finite numbers."
+            )
 
 
 def _validate_time(motion: Motion) -> None:
     steps = np.diff(motion.time)
     if steps.min() <= 0:
-        raise MotionError(f"the motion's time does not increase after sample {int(steps.argmin())}.")
+        raise MotionError(
+            f"the motion's time does not increase after sample {int(steps.argmin())}."
+        )
 
     if np.abs(steps - motion.step).max() > UNEVENNESS * motion.step:
         raise MotionError(
@@ -124,7 +130,9 @@ def _as_floats(name: str, values: object) -> Float[np.ndarray, "*shape"]:
     try:
         return np.array(values, dtype=np.float64)
     except (TypeError, ValueError):
-        raise MotionError(f"the motion's {name} does not hold numbers; valid are real numbers.") from None
+        raise MotionError(
+            f"the motion's {name} does not hold numbers; valid are real numbers."
+        ) from None
 
 
 def _as_integers(name: str, values: object) -> Int[np.ndarray, "*shape"]:

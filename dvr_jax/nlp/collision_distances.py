@@ -1,10 +1,10 @@
 """Signed distances of everything that can touch, for many slices at once, and the contact wrenches of chosen rows.
 
-Rows are those of `dvr_jax.nlp.collision_rows`. A row that does not count in a slice (an object and the hand that holds it,
-two bodies that stand where the scene has them, an absent object) has the distance `FAR` and a zero wrench.
+Rows are those of `dvr_jax.nlp.collision_rows`. A row that does not count in a slice (an object and the hand that holds
+it, two bodies that stand where the scene has them, an absent object) has the distance `FAR` and a zero wrench.
 
-A capsule's distance to a body is expensive, and nearly all of them are far: there a lower bound is taken in its place, that
-of the capsule's bounding sphere (`NEAR`).
+A capsule's distance to a body is expensive, and nearly all of them are far: there a lower bound is taken in its place,
+that of the capsule's bounding sphere (`NEAR`).
 """
 
 from __future__ import annotations
@@ -17,18 +17,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from dvr_jax.geometry.arrays import Array
-from dvr_jax.geometry.distances import (
-    Prism,
-    axis_point_wrench,
-    capsule_capsule,
-    capsule_capsule_distance,
-    capsule_plane,
-    nearest_on_axis,
-    point_prism,
-    prism_plane,
-    prism_prism,
-)
-from dvr_jax.geometry.vectors import Rotation, Six, Vector, materialize, rotate_back
+from dvr_jax.geometry.capsule_prism import axis_point_wrench, nearest_on_axis
+from dvr_jax.geometry.capsules import capsule_capsule, capsule_capsule_distance, capsule_plane
+from dvr_jax.geometry.prism_prism import prism_prism
+from dvr_jax.geometry.prisms import Prism, point_prism, prism_plane
+from dvr_jax.geometry.vectors import Rotation, SpatialVector, Vector, materialize, rotate_back
 from dvr_jax.modes.mode import ModeKind, ObjectPoses
 from dvr_jax.nlp.collision_rows import object_pairs, row_bodies, table_capsules
 from dvr_jax.nlp.compaction import count_active, gather_chunk, number_of_groups, slot
@@ -39,8 +32,9 @@ FAR = 1.0
 """Distance given to rows that do not count [m]."""
 
 NEAR = 0.03
-"""A capsule's bounding sphere that is farther than this from a body stands for the capsule [m]. Such a row is active only
-while its multiplier exceeds the penalty times this, which takes penetrations at updates that add up to as much."""
+"""A capsule's bounding sphere that is farther than this from a body stands for the capsule [m]. Such a row is active
+only while its multiplier exceeds the penalty times this, which takes penetrations at updates that add up to as
+much."""
 
 
 class Segments(NamedTuple):
@@ -118,7 +112,9 @@ def measure_contacts(
     )
 
     ignored = _ignored_capsules(model, objects, kind, bodies)
-    near, axis_position = _capsules_and_bodies(segments, bodies, materialize(ignored.reshape(-1, L)))
+    near, axis_position = _capsules_and_bodies(
+        segments, bodies, materialize(ignored.reshape(-1, L))
+    )
 
     N = kind.shape[0]
     standing_distance, standing_wrench = _masked(
@@ -141,7 +137,9 @@ def _flatten(model: WorkcellModel, starts: Array, ends: Array) -> Segments:
     return Segments(starts.reshape(shape), ends.reshape(shape), radius)
 
 
-def _between_capsules(model: WorkcellModel, starts: Array, ends: Array) -> Float[Array, "pairs slices"]:
+def _between_capsules(
+    model: WorkcellModel, starts: Array, ends: Array
+) -> Float[Array, "pairs slices"]:
     """Distances of all capsule pairs, rectangle by rectangle, since picking each pair's ends takes longer."""
     radii = jnp.asarray(model.capsule_radii, starts.dtype)[:, None]
     structure = model.structure
@@ -162,7 +160,9 @@ def _between_capsules(model: WorkcellModel, starts: Array, ends: Array) -> Float
         ).reshape(-1, starts.shape[-1])
         for a, b, near, far in rectangles
     ]
-    return jnp.concatenate(distances) if distances else jnp.zeros((0, starts.shape[-1]), starts.dtype)
+    return (
+        jnp.concatenate(distances) if distances else jnp.zeros((0, starts.shape[-1]), starts.dtype)
+    )
 
 
 def _ignored_capsules(
@@ -196,9 +196,13 @@ def _capsules_and_bodies(
     # A lower bound for every pair: the distance of the capsule's bounding sphere.
     middle, half_axis = materialize(((a + b) / 2, (b - a) / 2))
     sphere_radius = materialize(jnp.sqrt((half_axis * half_axis).sum(0)) + segments.radius)
-    local = rotate_back(bodies.rotation[:, :, :, None], middle[:, None] - bodies.position[:, :, None])
+    local = rotate_back(
+        bodies.rotation[:, :, :, None], middle[:, None] - bodies.position[:, :, None]
+    )
     bound, _ = point_prism(local, bodies.prism[:, :, None])
-    bound = materialize(jnp.where(ignored, FAR, (bound - sphere_radius).reshape(number * capsules, L)))
+    bound = materialize(
+        jnp.where(ignored, FAR, (bound - sphere_radius).reshape(number * capsules, L))
+    )
 
     # The exact distance of the near pairs, some at a time.
     active = count_active(bound < NEAR, 1)
@@ -215,7 +219,9 @@ def _capsules_and_bodies(
         return state.first < number_of_groups(active)
 
     empty = jnp.zeros((2, number * capsules * L + chunk_size), a.dtype)
-    found = jax.lax.while_loop(some_left, measure_chunk, _NearPairs(jnp.zeros((), jnp.float32), empty)).found
+    found = jax.lax.while_loop(
+        some_left, measure_chunk, _NearPairs(jnp.zeros((), jnp.float32), empty)
+    ).found
 
     middles = jnp.where(ignored, -1, jnp.full_like(bound, 0.5))
     exact = jnp.take(found, slot(active), axis=1)
@@ -223,14 +229,20 @@ def _capsules_and_bodies(
     return distance, position
 
 
-def _measure_pairs(segments: Segments, bodies: Bodies, row: Array, slices: Array) -> Float[Array, "2 pairs"]:
+def _measure_pairs(
+    segments: Segments, bodies: Bodies, row: Array, slices: Array
+) -> Float[Array, "2 pairs"]:
     """Exact distance [m] and axis position of pairs of a capsule and a body, by their row and slice."""
     capsules = segments.start.shape[1]
     capsule = row % capsules
     body = row // capsules
     start, end = materialize((segments.start[:, capsule, slices], segments.end[:, capsule, slices]))
     rotation, position, prism = materialize(
-        (bodies.rotation[:, :, body, slices], bodies.position[:, body, slices], bodies.prism[:, body, slices])
+        (
+            bodies.rotation[:, :, body, slices],
+            bodies.position[:, body, slices],
+            bodies.prism[:, body, slices],
+        )
     )
     t = nearest_on_axis(start, end, rotation, position, prism)
     point = materialize(rotate_back(rotation, start + t * (end - start) - position))
@@ -238,7 +250,9 @@ def _measure_pairs(segments: Segments, bodies: Bodies, row: Array, slices: Array
     return jnp.stack([distance, t])
 
 
-def _between_bodies(bodies: Bodies, kind: Array) -> tuple[Float[Array, "pairs slices"], Six]:
+def _between_bodies(
+    bodies: Bodies, kind: Array
+) -> tuple[Float[Array, "pairs slices"], SpatialVector]:
     """Distances [m] and wrenches of two objects, and of an object and a fixed body."""
     N = kind.shape[0]
     fixed = bodies.position.shape[1] - N
@@ -254,12 +268,15 @@ def _between_bodies(bodies: Bodies, kind: Array) -> tuple[Float[Array, "pairs sl
     return _masked(*prism_prism(*materialize((*pick(first), *pick(second)))), ignored)
 
 
-def _masked(distance: Array, wrench: Six, ignored: Array) -> tuple[Array, Six]:
+def _masked(distance: Array, wrench: SpatialVector, ignored: Array) -> tuple[Array, SpatialVector]:
     return jnp.where(ignored, FAR, distance), jnp.where(ignored, 0, wrench)
 
 
 def row_wrenches(
-    model: WorkcellModel, contacts: Contacts, number_of_objects: int, rows: Int[Array, "chosen slices"]
+    model: WorkcellModel,
+    contacts: Contacts,
+    number_of_objects: int,
+    rows: Int[Array, "chosen slices"],
 ) -> Float[Array, "6 chosen slices"]:
     """Wrenches of chosen rows of each slice: the derivatives of their distances by the twists of the bodies.
 
@@ -290,6 +307,8 @@ def row_wrenches(
     bodies = contacts.bodies
     R, p, prism = materialize(tuple(pick(value, pair // capsules) for value in bodies))
     t, stored = materialize((pick(contacts.axis_position, pair), pick(contacts.wrench, other)))
-    _, gradient = materialize(point_prism(materialize(rotate_back(R, a0 + t * (a1 - a0) - p)), prism))
+    _, gradient = materialize(
+        point_prism(materialize(rotate_back(R, a0 + t * (a1 - a0) - p)), prism)
+    )
     of_body = jnp.where(t < 0, 0, axis_point_wrench(a0, a1, t, R, gradient))
     return jnp.where(second >= 0, of_capsules, jnp.where(pair >= 0, of_body, stored))

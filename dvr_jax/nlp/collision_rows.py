@@ -2,8 +2,8 @@
 
 A arms have C capsules each; there are N objects and F fixed bodies, B = N + F bodies together. Rows, in this order:
 
-- *arm rows*: capsule against capsule, in rectangles of pairs (of different arms, then of the same arm, arm after arm), then
-  capsule against the table;
+- *arm rows*: capsule against capsule, in rectangles of pairs (of different arms, then of the same arm, arm after arm),
+  then capsule against the table;
 - *body rows*: every capsule (first arm's C, then the next arm's) against each body, body after body; object against the
   table; object against object; object against fixed body.
 """
@@ -38,7 +38,9 @@ class RowBodies:
 
 
 @lru_cache(maxsize=64)
-def capsule_pairs(structure: WorkcellStructure) -> tuple[Int[np.ndarray, " pairs"], Int[np.ndarray, " pairs"]]:
+def capsule_pairs(
+    structure: WorkcellStructure,
+) -> tuple[Int[np.ndarray, " pairs"], Int[np.ndarray, " pairs"]]:
     """First and second capsules (arm times C plus number) of all capsule-capsule rows."""
     C = structure.number_of_capsules
     pairs: list[tuple[int, int]] = []
@@ -56,11 +58,15 @@ def table_capsules(structure: WorkcellStructure) -> Int[np.ndarray, " rows"]:
     """Capsules (arm times C plus number) of the capsule-table rows."""
     C = structure.number_of_capsules
     arms = range(structure.number_of_arms)
-    return np.array([arm * C + c for arm in arms for c in range(*structure.table_capsules)], dtype=int)
+    return np.array(
+        [arm * C + c for arm in arms for c in range(*structure.table_capsules)], dtype=int
+    )
 
 
 @lru_cache(maxsize=64)
-def object_pairs(number_of_objects: int, number_of_fixed: int) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
+def object_pairs(
+    number_of_objects: int, number_of_fixed: int
+) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
     """First and second bodies of the rows of two objects, and of an object and a fixed body."""
     N = number_of_objects
     pairs = [*combinations(range(N), 2), *product(range(N), range(N, N + number_of_fixed))]
@@ -72,7 +78,12 @@ def object_pairs(number_of_objects: int, number_of_fixed: int) -> tuple[Int[np.n
 def capsule_motion(structure: WorkcellStructure) -> Float[np.ndarray, "joints arm_capsules"]:
     """1 where a joint (of D) moves a capsule (of A C), else 0."""
     moves = np.zeros(
-        (structure.number_of_arms, structure.joints, structure.number_of_arms, structure.number_of_capsules)
+        (
+            structure.number_of_arms,
+            structure.joints,
+            structure.number_of_arms,
+            structure.number_of_capsules,
+        )
     )
     for arm in range(structure.number_of_arms):
         for capsule, link in enumerate(structure.capsule_links):
@@ -85,7 +96,9 @@ def arm_row_signs(structure: WorkcellStructure) -> Float[np.ndarray, "joints arm
     """How a joint moves the first body of an arm row minus how it moves the second: 1, 0 or -1."""
     moves = capsule_motion(structure)
     first, second = capsule_pairs(structure)
-    return np.concatenate([moves[:, first] - moves[:, second], moves[:, table_capsules(structure)]], axis=1)
+    return np.concatenate(
+        [moves[:, first] - moves[:, second], moves[:, table_capsules(structure)]], axis=1
+    )
 
 
 @lru_cache(maxsize=64)
@@ -123,7 +136,9 @@ def body_row_signs(
     return joints, role
 
 
-def number_of_rows(structure: WorkcellStructure, number_of_objects: int, number_of_fixed: int) -> int:
+def number_of_rows(
+    structure: WorkcellStructure, number_of_objects: int, number_of_fixed: int
+) -> int:
     """Number P of all rows.
 
     Args:
@@ -136,7 +151,9 @@ def number_of_rows(structure: WorkcellStructure, number_of_objects: int, number_
 
 
 @lru_cache(maxsize=64)
-def row_bodies(structure: WorkcellStructure, number_of_objects: int, number_of_fixed: int) -> RowBodies:
+def row_bodies(
+    structure: WorkcellStructure, number_of_objects: int, number_of_fixed: int
+) -> RowBodies:
     """What each row is about.
 
     Args:
@@ -155,8 +172,14 @@ def row_bodies(structure: WorkcellStructure, number_of_objects: int, number_of_f
         return np.full(rows, -1)
 
     return RowBodies(
-        first_capsule=np.concatenate([first, none(on_table), np.tile(np.arange(capsules), bodies), none(others)]),
+        first_capsule=np.concatenate(
+            [first, none(on_table), np.tile(np.arange(capsules), bodies), none(others)]
+        ),
         second_capsule=np.concatenate([second, none(on_table + pairs + others)]),
-        capsule_body_pair=np.concatenate([none(len(first) + on_table), np.arange(pairs), none(others)]),
-        other_row=np.concatenate([none(len(first)), np.arange(on_table), none(pairs), on_table + np.arange(others)]),
+        capsule_body_pair=np.concatenate(
+            [none(len(first) + on_table), np.arange(pairs), none(others)]
+        ),
+        other_row=np.concatenate(
+            [none(len(first)), np.arange(on_table), none(pairs), on_table + np.arange(others)]
+        ),
     )

@@ -1,8 +1,9 @@
 """The few active rows of each slice, gathered from all slices and visited some at a time.
 
-Most distances of most slices are neither near nor in contact. To compute a number of rows in every slice, enough for the
-fullest one, is ten times the work on a path; so the active rows of all slices are counted through, and a loop visits a
-fixed number of them in each pass. What is computed for a row depends on that row alone, wherever in a pass it is.
+Most distances of most slices are neither near nor in contact. To compute a number of rows in every slice, enough for
+the fullest one, is ten times the work on a path; so the active rows of all slices are counted through, and a loop
+visits a fixed number of them in each pass. What is computed for a row depends on that row alone, wherever in a pass it
+is.
 """
 
 from __future__ import annotations

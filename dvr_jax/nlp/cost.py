@@ -20,7 +20,9 @@ ACCELERATION_WEIGHT = 1.0
 """Cost of a squared second difference [1/rad^2]."""
 
 
-def accelerations(problem: Problem, q: Float[Array, "slices joints"]) -> Float[Array, "slices joints"]:
+def accelerations(
+    problem: Problem, q: Float[Array, "slices joints"]
+) -> Float[Array, "slices joints"]:
     """Second differences of a path that starts at home at rest [rad/slice^2].
 
     Args:
@@ -38,13 +40,17 @@ def cost(problem: Problem, x: Variables) -> Float[Array, ""]:
         problem: The NLP, without batch axes.
         x: Its variables.
     """
-    value = 0.5 * jnp.sum(problem.regularization_weight * (x.q - problem.regularization_target) ** 2)
+    value = 0.5 * jnp.sum(
+        problem.regularization_weight * (x.q - problem.regularization_target) ** 2
+    )
     if x.q.shape[0] > x.m.shape[0]:
         value += 0.5 * ACCELERATION_WEIGHT * jnp.sum(accelerations(problem, x.q) ** 2)
     return value
 
 
-def add_cost(parts: SystemParts, problem: Problem, x: Variables, gradient_scale: Float[Array, ""]) -> SystemParts:
+def add_cost(
+    parts: SystemParts, problem: Problem, x: Variables, gradient_scale: Float[Array, ""]
+) -> SystemParts:
     """Add the cost to a Gauss-Newton system, which is exact for it.
 
     Args:

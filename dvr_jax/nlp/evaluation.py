@@ -1,8 +1,8 @@
 """All constraint blocks of a batch of NLPs together: their rows, their violations, their Gauss-Newton system.
 
-What "feasible" means is decided here: every violation of every block, in meters and radians, is within its tolerance. Solver,
-data set, search and benchmarks all use this. The largest single violation counts, never a sum of scaled terms: such a sum
-grows with the horizon. A path is feasible only if its motion between the samples is too
+What "feasible" means is decided here: every violation of every block, in meters and radians, is within its tolerance.
+Solver, data set, search and benchmarks all use this. The largest single violation counts, never a sum of scaled terms:
+such a sum grows with the horizon. A path is feasible only if its motion between the samples is too
 (`dvr_jax.solver.continuous_collision`), and a motion is a solution only if the independent check accepts it.
 """
 
@@ -83,7 +83,9 @@ def horizon_of(model: WorkcellModel, problems: Problem, x: Variables) -> Horizon
     )
 
 
-def evaluate_constraints(model: WorkcellModel, problems: Problem, x: Variables, geometry: SliceGeometry) -> Evaluations:
+def evaluate_constraints(
+    model: WorkcellModel, problems: Problem, x: Variables, geometry: SliceGeometry
+) -> Evaluations:
     """Evaluate all blocks of a batch of B problems.
 
     Args:
@@ -123,7 +125,7 @@ def violations_of(evaluations: Evaluations) -> Violations:
     return violations
 
 
-def relative_violation(violations: Violations) -> Float[Array, "*batch"]:
+def relative_violation(violations: Mapping[str, Array | float]) -> Float[Array, "*batch"]:
     """The largest violation as a multiple of its tolerance: feasible where it is at most 1."""
     ratios = [value / TOLERANCES[name] for name, value in violations.items()]
     # On the host single lanes are judged, where NumPy is a hundred times faster.
@@ -152,7 +154,10 @@ def unflatten(flat: FlatResiduals, horizon: Horizon) -> dict[str, Array]:
         horizon: Sizes of the NLP.
     """
     rows: dict[str, Array] = {COLLISION.name: flat.collision}
-    for kind, values in ((ConstraintKind.EQUALITY, flat.equality), (ConstraintKind.INEQUALITY, flat.inequality)):
+    for kind, values in (
+        (ConstraintKind.EQUALITY, flat.equality),
+        (ConstraintKind.INEQUALITY, flat.inequality),
+    ):
         blocks = [block for block in _flat_blocks() if block.kind is kind]
         rows.update(_cut(values, blocks, horizon))
     return rows
@@ -167,14 +172,19 @@ def _cut(values: Array, blocks: Sequence[ConstraintBlock], horizon: Horizon) -> 
     shapes = [block.shape(horizon) for block in blocks]
     ends = np.cumsum([math.prod(shape) for shape in shapes])[:-1]
     pieces = jnp.split(values, ends)
-    return {block.name: piece.reshape(shape) for block, piece, shape in zip(blocks, pieces, shapes, strict=True)}
+    return {
+        block.name: piece.reshape(shape)
+        for block, piece, shape in zip(blocks, pieces, shapes, strict=True)
+    }
 
 
 def number_of_flat_rows(horizon: Horizon) -> FlatResiduals:
     """Shapes of the three arrays of one NLP."""
 
     def count(kind: ConstraintKind) -> int:
-        return sum(math.prod(block.shape(horizon)) for block in _flat_blocks() if block.kind is kind)
+        return sum(
+            math.prod(block.shape(horizon)) for block in _flat_blocks() if block.kind is kind
+        )
 
     return FlatResiduals(
         COLLISION.shape(horizon),
@@ -193,7 +203,10 @@ def row_scales(horizon: Horizon, dtype: jnp.dtype) -> FlatResiduals:
 
     def of_kind(kind: ConstraintKind) -> Array:
         blocks = [block for block in _flat_blocks() if block.kind is kind]
-        scales = [np.broadcast_to(block.scale(horizon), block.shape(horizon)).reshape(-1) for block in blocks]
+        scales = [
+            np.broadcast_to(block.scale(horizon), block.shape(horizon)).reshape(-1)
+            for block in blocks
+        ]
         return jnp.asarray(np.concatenate(scales), dtype)
 
     return FlatResiduals(
@@ -216,7 +229,8 @@ def gauss_newton_system(
     Args:
         problem: The NLP, without batch axes.
         x: The point at which it is taken.
-        jacobians: Derivatives of each block's rows, by block name; for the collisions the `NormalEquations` of the samples.
+        jacobians: Derivatives of each block's rows, by block name; for the collisions the `NormalEquations` of the
+        samples.
         multiplier_estimate: Derivative of the Lagrangian by each row, by block name.
         active_penalty: Penalty of each row where it is active, else 0.
         gradient_scale: Factor of the costs' gradient, whose Hessian stays as it is.

@@ -1,7 +1,7 @@
 """A batch of problems at given variables, laid out as slices.
 
-Every leaf of a problem and of its variables has a leading axis B here. Problem b contributes T' = T M slices, M samples of
-each of its T slices; all of them together are L = B T' slices.
+Every leaf of a problem and of its variables has a leading axis B here. Problem b contributes T' = T M slices, M
+samples of each of its T slices; all of them together are L = B T' slices.
 """
 
 from __future__ import annotations
@@ -52,7 +52,9 @@ def lay_out(problems: Problem, x: Variables) -> Slices:
     )
 
 
-def sample_path(problems: Problem, q: Float[Array, "batch slices joints"]) -> Float[Array, "batch samples joints"]:
+def sample_path(
+    problems: Problem, q: Float[Array, "batch slices joints"]
+) -> Float[Array, "batch samples joints"]:
     """Joint angles at the samples of all slices [rad].
 
     A sample at the fraction s of the interval between two slices is ``(1 - s) q_before + s q + offset``.
@@ -89,8 +91,12 @@ def attachments(
 
     def of_action(value: Array) -> Array:
         """(..., B, K) to (..., B, J, N')."""
-        index = jnp.broadcast_to(action.reshape(action.shape[0], -1), (*value.shape[:-1], action[0].size))
-        return jnp.take_along_axis(value, index, axis=-1).reshape(*value.shape[:-1], *action.shape[1:])
+        index = jnp.broadcast_to(
+            action.reshape(action.shape[0], -1), (*value.shape[:-1], action[0].size)
+        )
+        return jnp.take_along_axis(value, index, axis=-1).reshape(
+            *value.shape[:-1], *action.shape[1:]
+        )
 
     def of_object(value: Array) -> Array:
         """(..., B, N) to (..., B, J, N')."""
@@ -124,15 +130,17 @@ def _phases_to_slices(value: Array, samples: int) -> Array:
 def _finger_openings(problems: Problem, samples: int, M: int) -> Float[Array, "arms slices"]:
     """Finger openings at each sample.
 
-    In the M samples of a switch's slice it is the wider one of before and after the switch, so that fingers that open as
-    they let go find room.
+    In the M samples of a switch's slice it is the wider one of before and after the switch, so that fingers that open
+    as they let go find room.
     """
     B, K, arms = problems.arm_at_rest.shape
     before = problems.finger_opening[:, :-1]
     after = problems.finger_opening[:, 1:]
     steps = samples // K
     is_switch = jnp.arange(samples).reshape(K, steps) % steps >= steps - M
-    opening = jnp.where(is_switch[None, :, :, None], jnp.maximum(before, after)[:, :, None], before[:, :, None])
+    opening = jnp.where(
+        is_switch[None, :, :, None], jnp.maximum(before, after)[:, :, None], before[:, :, None]
+    )
     return opening.reshape(B * samples, arms).T
 
 

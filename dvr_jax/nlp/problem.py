@@ -1,11 +1,11 @@
 """The nonlinear program of one skeleton as arrays, and its decision variables.
 
 A skeleton of K actions has K phases; action k (0..K-1) is the mode switch at the end of phase k. With S steps a phase
-there are T = K S slices; slice t = 0..T-1 lies in phase t // S, and t = k S + S - 1 is the slice of switch k. S = 1 gives
-the keyframes. N is the number of objects, F of fixed bodies, A of arms, D of joints of all arms.
+there are T = K S slices; slice t = 0..T-1 lies in phase t // S, and t = k S + S - 1 is the slice of switch k. S = 1
+gives the keyframes. N is the number of objects, F of fixed bodies, A of arms, D of joints of all arms.
 
-Skeletons are *data*: two problems with the same K, S, N, F and the same workcell structure differ in the entries of these
-arrays only, so they share one compilation and can be stacked along a leading axis.
+Skeletons are *data*: two problems with the same K, S, N, F and the same workcell structure differ in the entries of
+these arrays only, so they share one compilation and can be stacked along a leading axis.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Problem(NamedTuple):
     """Arrays of one NLP; every leaf may carry leading batch axes."""
 
     prism: Float[Array, "*batch objects 4"]
-    """Shapes of the objects as prisms (hx, hy, hz, r) [m]; see `dvr_jax.geometry.distances`."""
+    """Shapes of the objects as prisms (hx, hy, hz, r) [m]; see `dvr_jax.geometry.prisms`."""
 
     initial_pose: Float[Array, "*batch objects 4"]
     """Initial x, y, z [m] of the objects' centers and their yaw [rad]."""

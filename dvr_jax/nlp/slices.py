@@ -1,9 +1,9 @@
 """Geometry of many slices side by side: distances, their derivatives, and what they add to the normal equations.
 
-A slice knows neither its problem nor its horizon: keyframes and paths of any length are laid out as L slices, and what is
-compiled for some numbers of slices serves them all. Derivatives are contact wrenches times twists in closed form (never
-those of a whole slice, which cost 35 to 150 times the evaluation), and only of active rows: most of a slice's hundred and
-more distances are not in contact. For a row with wrench w between two bodies with twists V1, V2,
+A slice knows neither its problem nor its horizon: keyframes and paths of any length are laid out as L slices, and what
+is compiled for some numbers of slices serves them all. Derivatives are contact wrenches times twists in closed form
+(never those of a whole slice, which cost 35 to 150 times the evaluation), and only of active rows: most of a slice's
+hundred and more distances are not in contact. For a row with wrench w between two bodies with twists V1, V2,
 
     d(distance) = w . (V1 - V2),        V = sum over columns of (twist of the column) d(column).
 
@@ -26,12 +26,18 @@ from dvr_jax.nlp.collision_distances import Bodies, Contacts, measure_contacts, 
 from dvr_jax.nlp.collision_rows import arm_row_signs, body_row_signs
 from dvr_jax.nlp.compaction import count_active, gather_chunk, number_of_groups, take_slices
 from dvr_jax.runtime.batch_sizes import batch_sizes
-from dvr_jax.workcell.kinematics import BasePoses, capsule_segments, hand_pose, joint_screws, link_poses
+from dvr_jax.workcell.kinematics import (
+    BasePoses,
+    capsule_segments,
+    hand_pose,
+    joint_screws,
+    link_poses,
+)
 from dvr_jax.workcell.model import WorkcellModel
 
 ACTIVE_ROWS = 4
-"""Active rows of a slice that enter its sums together. Of the slices of paths one in seven has an active row, and hardly
-any has more than four."""
+"""Active rows of a slice that enter its sums together. Of the slices of paths one in seven has an active row, and
+hardly any has more than four."""
 
 
 class Slices(NamedTuple):
@@ -100,7 +106,9 @@ def measure(model: WorkcellModel, slices: Slices) -> SliceGeometry:
 
     objects = materialize(object_poses(slices.attached, hands))
     bodies = _all_bodies(slices, objects.rotation, objects.position)
-    distance, contacts = measure_contacts(model, starts, ends, objects, slices.attached.kind, bodies)
+    distance, contacts = measure_contacts(
+        model, starts, ends, objects, slices.attached.kind, bodies
+    )
 
     columns = jnp.concatenate([screws, objects.twists.reshape(6, -1, L)], axis=1)
     return SliceGeometry(
@@ -141,7 +149,9 @@ def distance_jacobian(
     joints, role = body_row_signs(model.structure, N, fixed)
     arm = jnp.asarray(arm_row_signs(model.structure), dtype)
     of_joints = jnp.concatenate([arm, jnp.asarray(joints, dtype)], axis=1)
-    of_objects = jnp.concatenate([jnp.zeros((N, arm.shape[1]), dtype), jnp.asarray(role, dtype)], axis=1)
+    of_objects = jnp.concatenate(
+        [jnp.zeros((N, arm.shape[1]), dtype), jnp.asarray(role, dtype)], axis=1
+    )
 
     # A held object moves with its arm: its sign in a row is added to that of the arm's joints.
     wrench = row_wrenches(model, geometry.contacts, N, rows.T).transpose(2, 0, 1)
@@ -189,7 +199,8 @@ def reduce_slices(
         rows = chunk.rows.T
         slices = jnp.minimum(chunk.slices, L - 1)
         estimate, penalty = (
-            jnp.where(chunk.valid.T, value[slices[:, None], rows], 0) for value in (multiplier_estimate, active_penalty)
+            jnp.where(chunk.valid.T, value[slices[:, None], rows], 0)
+            for value in (multiplier_estimate, active_penalty)
         )
         J = materialize(distance_jacobian(model, materialize(_take(geometry, slices)), rows))
         weighted, gradient = materialize((J * penalty[:, None], -(J * estimate[:, None]).sum(2)))
@@ -204,8 +215,12 @@ def reduce_slices(
         return state.first < number_of_groups(active)
 
     dtype = multiplier_estimate.dtype
-    nothing = NormalEquations(jnp.zeros((L, columns, columns), dtype), jnp.zeros((L, columns), dtype))
-    return jax.lax.while_loop(some_left, add_chunk, _Sums(jnp.zeros((), jnp.float32), nothing)).total
+    nothing = NormalEquations(
+        jnp.zeros((L, columns, columns), dtype), jnp.zeros((L, columns), dtype)
+    )
+    return jax.lax.while_loop(
+        some_left, add_chunk, _Sums(jnp.zeros((), jnp.float32), nothing)
+    ).total
 
 
 def _take(geometry: SliceGeometry, slices: Array) -> SliceGeometry:
@@ -214,9 +229,13 @@ def _take(geometry: SliceGeometry, slices: Array) -> SliceGeometry:
     contacts = geometry.contacts
     segments = contacts.segments
     taken = Contacts(
-        segments._replace(start=take_slices(segments.start, slices), end=take_slices(segments.end, slices)),
+        segments._replace(
+            start=take_slices(segments.start, slices), end=take_slices(segments.end, slices)
+        ),
         jax.tree.map(lambda value: take_slices(value, slices), contacts.bodies),
         take_slices(contacts.axis_position, slices),
         take_slices(contacts.wrench, slices),
     )
-    return geometry._replace(contacts=taken, columns=geometry.columns[slices], held=geometry.held[slices])
+    return geometry._replace(
+        contacts=taken, columns=geometry.columns[slices], held=geometry.held[slices]
+    )

@@ -1,8 +1,8 @@
 """The Gauss-Newton system of one NLP, and its parts while blocks and costs add to it.
 
-Unknowns are the steps of the joint angles of T slices, D each, and of the M = 4 K mode parameters. The matrix couples each
-slice with the one before it (distances are sampled between slices too), with the second before it through a *diagonal*
-block (accelerations act on each joint alone), and with the border of mode parameters:
+Unknowns are the steps of the joint angles of T slices, D each, and of the M = 4 K mode parameters. The matrix couples
+each slice with the one before it (distances are sampled between slices too), with the second before it through a
+*diagonal* block (accelerations act on each joint alone), and with the border of mode parameters:
 
         [ A_0      B1_1^T   B2_2                 E_0 ]
         [ B1_1     A_1      B1_2^T   B2_3        E_1 ]

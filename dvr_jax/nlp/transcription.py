@@ -1,7 +1,7 @@
 """From symbols to arrays: a scene and a sequence of actions become one `Problem`.
 
-What an action means geometrically, its operator says (`dvr_jax.operators`); this module walks along the sequence, keeps the
-modes of all objects, and writes the switches down as arrays.
+What an action means geometrically, its operator says (`dvr_jax.operators`); this module walks along the sequence,
+keeps the modes of all objects, and writes the switches down as arrays.
 """
 
 from __future__ import annotations
@@ -16,7 +16,14 @@ from dvr_jax.geometry.footprint import Rectangle
 from dvr_jax.logic import Action
 from dvr_jax.modes.mode import PARAMETERS, ModeKind
 from dvr_jax.nlp.problem import Problem
-from dvr_jax.operators import OPERATORS, ModeSwitch, ObjectMode, Operator, SkeletonState, operator_of
+from dvr_jax.operators import (
+    OPERATORS,
+    ModeSwitch,
+    ObjectMode,
+    Operator,
+    SkeletonState,
+    operator_of,
+)
 from dvr_jax.scene.types import Scene
 from dvr_jax.workcell.workcell import base_positions, base_rotations
 
@@ -63,7 +70,9 @@ def transcribe(
         mode_action=_mode_actions(switches, len(scene.objects)),
         switched_object=np.array([switch.item for switch in switches], np.int32),
         acting_arm=np.array([switch.acting_arm for switch in switches], np.int32),
-        arm_at_rest=_floats([[float(arm in switch.arms_at_rest) for arm in arms] for switch in switches], len(arms)),
+        arm_at_rest=_floats(
+            [[float(arm in switch.arms_at_rest) for arm in arms] for switch in switches], len(arms)
+        ),
         finger_opening=_floats([state.finger_opening for state in states], len(arms)),
         on_support=np.array([float(switch.support is not None) for switch in switches]),
         closing_yaw=np.array([switch.closing_yaw for switch in switches]),
@@ -89,7 +98,10 @@ def walk(
     Returns:
         The K + 1 states before, between and after the K actions, and the K switches.
     """
-    modes = tuple(ObjectMode(ModeKind.ABSENT if item.name in ignored else ModeKind.FIXED) for item in scene.objects)
+    modes = tuple(
+        ObjectMode(ModeKind.ABSENT if item.name in ignored else ModeKind.FIXED)
+        for item in scene.objects
+    )
     opening = (scene.workcell.robot.finger_travel,) * scene.workcell.number_of_arms
     states = [SkeletonState(scene, modes, opening)]
     switches: list[ModeSwitch] = []
@@ -112,9 +124,9 @@ def transcribe_switch(
 ) -> Problem:
     """Write the keyframe NLP of an action alone, whose object is held as an earlier action says.
 
-    This is a relaxation of all sequences in which `action` follows `before` as the next one on its object. How the object
-    came to be held is free: the first of the two slices is empty but for what the gripper holds, and nothing is switched
-    there.
+    This is a relaxation of all sequences in which `action` follows `before` as the next one on its object. How the
+    object came to be held is free: the first of the two slices is empty but for what the gripper holds, and nothing is
+    switched there.
 
     Args:
         scene: A valid scene.

@@ -12,7 +12,14 @@ from dvr_jax.geometry.vectors import compose, materialize, rotation_about_z, vec
 from dvr_jax.logic import Action, shipped_action
 from dvr_jax.modes.held import GraspFrame, grasp_frame
 from dvr_jax.modes.mode import ModeKind
-from dvr_jax.operators.operator import FREE, ModeSwitch, ObjectMode, Operator, Parameter, SkeletonState
+from dvr_jax.operators.operator import (
+    FREE,
+    ModeSwitch,
+    ObjectMode,
+    Operator,
+    Parameter,
+    SkeletonState,
+)
 from dvr_jax.operators.proposal import (
     BeamStep,
     ObjectBefore,
@@ -39,7 +46,8 @@ LARGEST_GRASP = (1e3, 1e3, PITCH_RANGE, math.pi)
 """Largest mode parameters of a proposed grasp, where its own bounds are wider [m, m, rad, rad]."""
 
 MEETING_ALONG = 0.25
-"""Objects are handed over within this distance of the meeting region's center, along the line through both bases [m]."""
+"""Objects are handed over within this distance of the meeting region's center, along the line through both bases
+[m]."""
 
 MEETING_ACROSS = 0.4
 """The same across that line [m]."""

@@ -131,7 +131,9 @@ class Operator:
             DvrError: The operator has no such parameter.
         """
         if parameter not in self.parameters:
-            raise DvrError(f"the operator '{self.name}' has no parameter of the kind '{parameter.value}'.")
+            raise DvrError(
+                f"the operator '{self.name}' has no parameter of the kind '{parameter.value}'."
+            )
         return action.arguments[self.parameters.index(parameter)]
 
 

@@ -12,7 +12,14 @@ from dvr_jax.geometry.footprint import Rectangle, fits
 from dvr_jax.geometry.vectors import materialize, rotation_about_z, vector
 from dvr_jax.logic import Action, shipped_action
 from dvr_jax.modes.mode import ModeKind
-from dvr_jax.operators.operator import FREE, ModeSwitch, ObjectMode, Operator, Parameter, SkeletonState
+from dvr_jax.operators.operator import (
+    FREE,
+    ModeSwitch,
+    ObjectMode,
+    Operator,
+    Parameter,
+    SkeletonState,
+)
 from dvr_jax.operators.proposal import (
     BeamStep,
     ObjectBefore,
@@ -68,7 +75,9 @@ def _refute(scene: Scene, action: Action) -> str | None:
     footprint = scene.objects[scene.object_index(name)].footprint
     if fits(footprint, (width + spare, depth + spare)):
         return None
-    return f"{name} does not fit on the {support} region of {100 * width:.1f} x {100 * depth:.1f} cm"
+    return (
+        f"{name} does not fit on the {support} region of {100 * width:.1f} x {100 * depth:.1f} cm"
+    )
 
 
 def _is_duplicate(scene: Scene, action: Action) -> bool:
@@ -163,7 +172,8 @@ def _ahead_of_arm(step: BeamStep, u: Array, support: list[Array]) -> tuple[Array
     sign = jnp.where(lateral[:, 0] + lateral[:, 1] < 0, -1, 1)[:, None]
     lateral = sign * lateral
     offsets = [
-        forward[:, i, None, None] * jnp.cos(angle) + lateral[:, i, None, None] * jnp.sin(angle) for i in range(2)
+        forward[:, i, None, None] * jnp.cos(angle) + lateral[:, i, None, None] * jnp.sin(angle)
+        for i in range(2)
     ]
     from_x, from_y = (base[:, i, None, None] + radius * offsets[i] - support[i] for i in range(2))
 

@@ -1,8 +1,8 @@
 """Proposals: random mode parameters for one action, and the gripper poses that they ask for.
 
-Batch axes are (M, B, J): M prefixes, B keyframe candidates of each, J proposals for each candidate. Random numbers come in
-as an array ``u`` of uniform numbers in [0, 1), `UNIFORM_NUMBERS` for each (B, J), the same for every prefix: what a prefix
-gets does not depend on the batch that it is in.
+Batch axes are (M, B, J): M prefixes, B keyframe candidates of each, J proposals for each candidate. Random numbers
+come in as an array ``u`` of uniform numbers in [0, 1), `UNIFORM_NUMBERS` for each (B, J), the same for every prefix:
+what a prefix gets does not depend on the batch that it is in.
 """
 
 from __future__ import annotations
@@ -125,14 +125,18 @@ class Proposal:
     name: str
     """Unique among all proposals, as in "handover"."""
 
-    propose: Callable[[BeamStep, ObjectBefore, Float[Array, "numbers candidates proposals"]], ProposedPoses]
+    propose: Callable[
+        [BeamStep, ObjectBefore, Float[Array, "numbers candidates proposals"]], ProposedPoses
+    ]
     """The compiled sampler, a `dvr_jax.runtime.compilation.Program`."""
 
     sibling_penalty: float
     """By how much a further child of the same parent must be better [m]: the larger, the more varied the beam."""
 
 
-def of_item(value: Float[Array, "prefixes objects"], step: BeamStep) -> Float[Array, "prefixes 1 1"]:
+def of_item(
+    value: Float[Array, "prefixes objects"], step: BeamStep
+) -> Float[Array, "prefixes 1 1"]:
     """Entries of the switched objects.
 
     Args:
@@ -142,7 +146,9 @@ def of_item(value: Float[Array, "prefixes objects"], step: BeamStep) -> Float[Ar
     return jnp.take_along_axis(jnp.asarray(value), step.item[:, None], axis=1)[:, :, None]
 
 
-def of_arm(value: Float[Array, "prefixes arms *rest"], arm: Int[Array, " prefixes"]) -> Float[Array, "prefixes *rest"]:
+def of_arm(
+    value: Float[Array, "prefixes arms *rest"], arm: Int[Array, " prefixes"]
+) -> Float[Array, "prefixes *rest"]:
     """Entries of one arm of each prefix.
 
     Args:
@@ -173,5 +179,7 @@ def world_gripper(
     Returns:
         Axes (3, 3, *shape) and center (3, *shape) [m] of the gripper.
     """
-    hand_R, hand_p = materialize((compose(rotation, frame.rotation), position + rotate(rotation, frame.position)))
+    hand_R, hand_p = materialize(
+        (compose(rotation, frame.rotation), position + rotate(rotation, frame.position))
+    )
     return jnp.broadcast_to(hand_R, (3, 3, *shape)), jnp.broadcast_to(hand_p, (3, *shape))

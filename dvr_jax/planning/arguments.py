@@ -24,7 +24,9 @@ def require_scene(value: object) -> Scene:
 
     if isinstance(value, (str, os.PathLike)):
         path = os.fspath(value)
-        raise OptionError(f"the scene is the path {path!r}; valid is a Scene, as load_scene({path!r}) returns it.")
+        raise OptionError(
+            f"the scene is the path {path!r}; valid is a Scene, as load_scene({path!r}) returns it."
+        )
 
     if isinstance(value, Mapping):
         raise OptionError(
@@ -33,9 +35,13 @@ def require_scene(value: object) -> Scene:
         )
 
     if isinstance(value, (list, tuple)) and any(isinstance(item, Scene) for item in value):
-        raise OptionError(f"the scene is a {type(value).__name__} of {len(value)} scenes; valid is one Scene a call.")
+        raise OptionError(
+            f"the scene is a {type(value).__name__} of {len(value)} scenes; valid is one Scene a call."
+        )
 
-    raise OptionError(f"the scene is {describe_value(value)}; valid is a Scene, as load_scene returns it.")
+    raise OptionError(
+        f"the scene is {describe_value(value)}; valid is a Scene, as load_scene returns it."
+    )
 
 
 def require_integer(name: str, value: object, least: int) -> int:
@@ -107,7 +113,9 @@ def require_motion(value: object) -> Motion:
     if isinstance(value, Motion):
         return value
 
-    raise OptionError(f"the motion is {describe_value(value)}; valid is a Motion, such as a plan's.")
+    raise OptionError(
+        f"the motion is {describe_value(value)}; valid is a Motion, such as a plan's."
+    )
 
 
 def parse_actions(name: str, value: object) -> tuple[Action, ...]:

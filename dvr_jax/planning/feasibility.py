@@ -154,10 +154,15 @@ def _parse_sequences(sequences: object) -> list[tuple[Action, ...]]:
         if isinstance(sequence, (str, Action)):
             raise OptionError(f"sequence {number} is the single action {str(sequence)!r}; {valid}.")
 
-    return [parse_actions(f"sequence {number}", sequence) for number, sequence in enumerate(sequences, start=1)]
+    return [
+        parse_actions(f"sequence {number}", sequence)
+        for number, sequence in enumerate(sequences, start=1)
+    ]
 
 
-def _grow(tree: SequenceTree, sequences: Sequence[tuple[Action, ...]]) -> dict[tuple[Action, ...], Node]:
+def _grow(
+    tree: SequenceTree, sequences: Sequence[tuple[Action, ...]]
+) -> dict[tuple[Action, ...], Node]:
     """Make the nodes of sequences and of their prefixes; return the leaves by their sequence."""
     nodes: dict[tuple[Action, ...], Node] = {(): tree.root}
 
@@ -172,7 +177,9 @@ def _grow(tree: SequenceTree, sequences: Sequence[tuple[Action, ...]]) -> dict[t
             prefix = actions[:depth]
             if prefix not in nodes:
                 parent = nodes[prefix[:-1]]
-                nodes[prefix] = Node(prefix, states[depth], parent, reaches_goal=depth == len(actions))
+                nodes[prefix] = Node(
+                    prefix, states[depth], parent, reaches_goal=depth == len(actions)
+                )
 
     return {actions: nodes[actions] for actions in sequences}
 

@@ -58,7 +58,8 @@ def label_scenes(
     """
     with jax.enable_x64(True):
         computations = (
-            label_scene(scene, first + offset, options, passes_check) for offset, scene in enumerate(scenes)
+            label_scene(scene, first + offset, options, passes_check)
+            for offset, scene in enumerate(scenes)
         )
         for offset, labels in run_together(computations, width):
             yield first + offset, labels
@@ -73,7 +74,9 @@ def label_task(task: LabelTask) -> list[Label]:
     return labels
 
 
-def label_on_processes(tasks: Sequence[LabelTask], workers: int) -> Iterator[tuple[LabelTask, list[Label]]]:
+def label_on_processes(
+    tasks: Sequence[LabelTask], workers: int
+) -> Iterator[tuple[LabelTask, list[Label]]]:
     """Label tasks by processes of this machine.
 
     Args:
@@ -89,7 +92,9 @@ def label_on_processes(tasks: Sequence[LabelTask], workers: int) -> Iterator[tup
             yield futures.pop(future), future.result()
 
 
-def label_on_ray(tasks: Sequence[LabelTask], address: str) -> Iterator[tuple[LabelTask, list[Label]]]:
+def label_on_ray(
+    tasks: Sequence[LabelTask], address: str
+) -> Iterator[tuple[LabelTask, list[Label]]]:
     """Label tasks by a Ray cluster; tasks of a machine that is lost are given to another one.
 
     Args:
@@ -114,7 +119,9 @@ def label_on_ray(tasks: Sequence[LabelTask], address: str) -> Iterator[tuple[Lab
         ray.init(address, log_to_driver=False, logging_level=logging.ERROR)
     except (OSError, ValueError) as error:
         reason = str(error).splitlines()[0].rstrip(".")
-        raise OptionError(f"--ray {address}: {reason}; valid is the address of a running cluster, or auto.") from None
+        raise OptionError(
+            f"--ray {address}: {reason}; valid is the address of a running cluster, or auto."
+        ) from None
 
     try:
         remote_label = ray.remote(num_cpus=1, max_retries=-1)(label_task)

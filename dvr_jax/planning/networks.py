@@ -47,18 +47,24 @@ def choose_search(
         raise OptionError(f"there is no search {search!r}; valid: {', '.join(SEARCHES)}.")
     if search not in GUIDED:
         if network is not None:
-            raise OptionError(f"the search {search!r} takes no network; valid with one: {', '.join(GUIDED)}.")
+            raise OptionError(
+                f"the search {search!r} takes no network; valid with one: {', '.join(GUIDED)}."
+            )
         return search, None
 
     chosen = _shipped_network(search) if network is None else _require_network(network)
     if chosen.kind != search:
-        raise OptionError(f"the network is of the kind {chosen.kind!r}; the search {search!r} needs its own kind.")
+        raise OptionError(
+            f"the network is of the kind {chosen.kind!r}; the search {search!r} needs its own kind."
+        )
 
     reason = chosen.unfit_reason(scene, operators)
     if reason is None:
         return search, chosen
     if network is not None:
-        raise OptionError(f"the network does not fit: {reason}; valid is a network that was trained for it.")
+        raise OptionError(
+            f"the network does not fit: {reason}; valid is a network that was trained for it."
+        )
     say(f"the shipped network does not fit: {reason}; {UNGUIDED} searches in its place")
     return UNGUIDED, None
 
@@ -73,7 +79,9 @@ def _shipped_network(kind: str) -> SequencePredictor[Any, Any]:
 def _require_network(value: object) -> SequencePredictor[Any, Any]:
     """Return a value that is a network; refuse a class, an image and everything else."""
     if isinstance(value, type):
-        raise OptionError(f"the network is the class {value.__name__}; valid is an instance, as its load returns it.")
+        raise OptionError(
+            f"the network is the class {value.__name__}; valid is an instance, as its load returns it."
+        )
 
     if not all(hasattr(value, name) for name in _MEMBERS):
         raise OptionError(

@@ -138,7 +138,9 @@ def _slice_duration(
     finger_velocity = np.abs(np.diff(fingers, axis=0)).max() * SAMPLES_PER_SLICE
     by_fingers = finger_velocity / robot.finger_speed / LIMIT_FRACTION
 
-    return max(SHORTEST_SLICE, float(by_velocity), math.sqrt(float(by_acceleration)), float(by_fingers))
+    return max(
+        SHORTEST_SLICE, float(by_velocity), math.sqrt(float(by_acceleration)), float(by_fingers)
+    )
 
 
 def _carry_objects(

@@ -159,7 +159,9 @@ def _read_record(path: Path) -> _PlanFile:
     try:
         content = path.read_bytes()
     except (FileNotFoundError, NotADirectoryError):
-        raise DataError(f"there is no file {path}; valid is a folder that a plan was saved to.") from None
+        raise DataError(
+            f"there is no file {path}; valid is a folder that a plan was saved to."
+        ) from None
 
     try:
         return msgspec.json.decode(content, type=_PlanFile)
@@ -172,23 +174,33 @@ def _load_fitting_motion(folder: Path, scene: Scene, actions: tuple[Action, ...]
     """Read trajectory.npz; refuse a motion of another scene or with another number of actions."""
     path = folder / TRAJECTORY
     if not path.exists():
-        raise DataError(f"{folder / PLAN} says that the plan is solved, but there is no file {path}.")
+        raise DataError(
+            f"{folder / PLAN} says that the plan is solved, but there is no file {path}."
+        )
 
     motion = load_motion(path)
     columns = qpos_layout(scene).size
     if motion.qpos.shape[1] != columns:
-        raise DataError(f"the states of {path} have {motion.qpos.shape[1]} numbers; the plan's scene has {columns}.")
+        raise DataError(
+            f"the states of {path} have {motion.qpos.shape[1]} numbers; the plan's scene has {columns}."
+        )
     if len(motion.switch) != len(actions):
-        raise DataError(f"{path} has {len(motion.switch)} switches; the plan has {len(actions)} actions.")
+        raise DataError(
+            f"{path} has {len(motion.switch)} switches; the plan has {len(actions)} actions."
+        )
 
     return motion
 
 
-def _require_agreement(path: Path, record: _PlanFile, grounding: Grounding, actions: tuple[Action, ...]) -> None:
+def _require_agreement(
+    path: Path, record: _PlanFile, grounding: Grounding, actions: tuple[Action, ...]
+) -> None:
     """Refuse a plan whose status, actions and check contradict each other."""
     if record.status != PlanStatus.SOLVED:
         if actions or record.check is not None:
-            raise DataError(f"{path} has actions or a check, but its status is {record.status.value!r}.")
+            raise DataError(
+                f"{path} has actions or a check, but its status is {record.status.value!r}."
+            )
         return
 
     if record.check is None or not record.check.passed:

@@ -98,7 +98,9 @@ def plan(
 class _Acceptance:
     """The last word on a path: its motion and what the independent check says of it."""
 
-    def __init__(self, scene: Scene, progress: Callable[[str], None], checks: Sequence[OperatorCheck]) -> None:
+    def __init__(
+        self, scene: Scene, progress: Callable[[str], None], checks: Sequence[OperatorCheck]
+    ) -> None:
         self.scene = scene
         self.checks = checks
         self.progress = progress

@@ -100,7 +100,9 @@ def _require_empty_hands(plan: Plan) -> None:
             )
 
 
-def _objects_of_state(scene: Scene, qpos: NDArray[np.float64], moved: set[str]) -> tuple[SceneObject, ...]:
+def _objects_of_state(
+    scene: Scene, qpos: NDArray[np.float64], moved: set[str]
+) -> tuple[SceneObject, ...]:
     """Return the scene's objects, those that were moved upright at the x, y and yaw of a state (nq,)."""
     columns = qpos_layout(scene).objects
     objects = []
@@ -120,7 +122,9 @@ def _yaw_of(w: float, x: float, y: float, z: float) -> float:
     return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
 
 
-def _part_objects(scene: Scene, objects: tuple[SceneObject, ...], moved: set[str]) -> tuple[SceneObject, ...]:
+def _part_objects(
+    scene: Scene, objects: tuple[SceneObject, ...], moved: set[str]
+) -> tuple[SceneObject, ...]:
     """Shift objects that were moved until they overlap neither each other, nor others, nor the arms' feet."""
     items = [_Item(item.footprint, item.name in moved) for item in objects]
     obstacles = [_Item(footprint, movable=False) for footprint in _obstacles(scene)]
@@ -135,7 +139,10 @@ def _part_objects(scene: Scene, objects: tuple[SceneObject, ...], moved: set[str
             break
 
     # Footprint and object have the same center. A footprint that was not moved keeps it to the last bit.
-    return tuple(replace(item, position=shifted.footprint.center) for item, shifted in zip(objects, items, strict=True))
+    return tuple(
+        replace(item, position=shifted.footprint.center)
+        for item, shifted in zip(objects, items, strict=True)
+    )
 
 
 def _part(first: _Item, second: _Item) -> bool:

@@ -87,10 +87,14 @@ def _require_same_sweep(request: Sweep, info: ShardInfo, scenes: Sequence[Scene]
 
     writer = info.footer.versions["dvr_jax"]
     if writer != __version__:
-        raise DataError(f"{info.path} was made by dvr_jax {writer}, this is {__version__}; {advice}.")
+        raise DataError(
+            f"{info.path} was made by dvr_jax {writer}, this is {__version__}; {advice}."
+        )
 
     if info.scenes.stop > len(scenes):
-        raise DataError(f"{info} goes beyond the {len(scenes)} scenes of {request.scenes}; {advice}.")
+        raise DataError(
+            f"{info} goes beyond the {len(scenes)} scenes of {request.scenes}; {advice}."
+        )
 
     found = (scene_from_json(text, str(info.path)) for text in read_columns(info).scene_texts)
     expected = scenes[info.scenes.start : info.scenes.stop]
@@ -98,7 +102,9 @@ def _require_same_sweep(request: Sweep, info: ShardInfo, scenes: Sequence[Scene]
         raise DataError(f"{info.path} holds other scenes than {request.scenes}; {advice}.")
 
 
-def _missing_tasks(request: Sweep, scenes: Sequence[Scene], finished: Sequence[ShardInfo]) -> list[LabelTask]:
+def _missing_tasks(
+    request: Sweep, scenes: Sequence[Scene], finished: Sequence[ShardInfo]
+) -> list[LabelTask]:
     """Return one task for each shard that is missing; refuse shards of another size."""
     covered = {index for info in finished for index in info.scenes}
     tasks = []

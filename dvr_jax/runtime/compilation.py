@@ -217,7 +217,9 @@ def _register_linear_algebra() -> None:
     """
 
     def factor_and_solve(A: jax.Array) -> jax.Array:
-        return jax.lax.linalg.triangular_solve(jnp.linalg.cholesky(A), A, left_side=True, lower=True)
+        return jax.lax.linalg.triangular_solve(
+            jnp.linalg.cholesky(A), A, left_side=True, lower=True
+        )
 
     jax.jit(factor_and_solve).lower(np.eye(1))
 

@@ -98,7 +98,9 @@ def render_depth(scene: Scene, width: int = 64, height: int = 64) -> DepthImage:
         center = body.center if isinstance(body, SceneObject) else body.position
         radius = float(np.linalg.norm(body.half_extents))
         window = SCENE_CAMERA.window(center, radius, width, height)
-        depth[window], object_masks[:, *window] = _see(scene, model, data, SCENE_CAMERA, rays[window])
+        depth[window], object_masks[:, *window] = _see(
+            scene, model, data, SCENE_CAMERA, rays[window]
+        )
 
     goal_mask = np.zeros((height, width), np.bool_)
 
@@ -232,7 +234,9 @@ def _empty_table(
 def _require_size(width: int, height: int) -> None:
     for name, pixels in (("width", width), ("height", height)):
         if not SMALLEST_IMAGE <= pixels <= LARGEST_IMAGE:
-            raise SceneError(f"the image's {name} is {pixels} pixels; valid are {SMALLEST_IMAGE} to {LARGEST_IMAGE}.")
+            raise SceneError(
+                f"the image's {name} is {pixels} pixels; valid are {SMALLEST_IMAGE} to {LARGEST_IMAGE}."
+            )
 
 
 def _see(
@@ -244,7 +248,9 @@ def _see(
 ) -> tuple[Float32[np.ndarray, "height width"], Bool[np.ndarray, "objects height width"]]:
     """Depth [m] and masks of the objects along rays of a camera."""
     hits = cast_rays(model, data, camera.position, rays, groups=(SOLID_GROUP, LOOKS_GROUP))
-    object_geoms = np.array([model.geom(object_body_name(name)).id for name in scene.object_names], np.int32)
+    object_geoms = np.array(
+        [model.geom(object_body_name(name)).id for name in scene.object_names], np.int32
+    )
     depth = np.minimum(hits.distance, FARTHEST_DEPTH)
 
     return depth.astype(np.float32), hits.geom[None] == object_geoms[:, None, None]
@@ -257,7 +263,9 @@ def _project_rectangle(
 ) -> Bool[np.ndarray, "height width"]:
     """Pixels whose ray meets a rectangle on the plane z = 0, whatever stands in between."""
     descent = np.minimum(rays[..., 2], -1e-9)  # a ray towards the sky never meets the table
-    points = np.asarray(camera.position)[:2] + rays[..., :2] * (-camera.position[2] / descent)[..., None]
+    points = (
+        np.asarray(camera.position)[:2] + rays[..., :2] * (-camera.position[2] / descent)[..., None]
+    )
     local = (points - np.asarray(rectangle.center)) @ rectangle.axes().T
     within = np.all(np.abs(local) <= np.asarray(rectangle.half), axis=-1)
 

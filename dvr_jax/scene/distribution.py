@@ -78,9 +78,13 @@ def validate_request(number_of_objects: int, distribution: SceneDistribution) ->
         SceneError: A value is out of range; the message names it.
     """
     if not 1 <= number_of_objects <= MAXIMUM_OBJECTS:
-        raise SceneError(f"the number of objects is {number_of_objects}; valid are 1 to {MAXIMUM_OBJECTS}.")
+        raise SceneError(
+            f"the number of objects is {number_of_objects}; valid are 1 to {MAXIMUM_OBJECTS}."
+        )
     if distribution.shape not in get_args(ShapeChoice):
-        raise SceneError(f"the shape is {distribution.shape!r}; valid are {', '.join(get_args(ShapeChoice))}.")
+        raise SceneError(
+            f"the shape is {distribution.shape!r}; valid are {', '.join(get_args(ShapeChoice))}."
+        )
 
     for name in ("cube_share", "occupied_share"):
         share = getattr(distribution, name)
@@ -89,11 +93,19 @@ def validate_request(number_of_objects: int, distribution: SceneDistribution) ->
 
     for field in fields(distribution):
         value = getattr(distribution, field.name)
-        if isinstance(value, tuple) and not (math.isfinite(value[0]) and value[0] <= value[1] < math.inf):
-            raise SceneError(f"the range {field.name} is {value}; valid is a finite low no greater than high.")
+        if isinstance(value, tuple) and not (
+            math.isfinite(value[0]) and value[0] <= value[1] < math.inf
+        ):
+            raise SceneError(
+                f"the range {field.name} is {value}; valid is a finite low no greater than high."
+            )
 
     least, most = distribution.fixed_bodies
-    if not (isinstance(least, int) and isinstance(most, int) and 0 <= least <= most <= MAXIMUM_FIXED_BODIES):
+    if not (
+        isinstance(least, int)
+        and isinstance(most, int)
+        and 0 <= least <= most <= MAXIMUM_FIXED_BODIES
+    ):
         raise SceneError(
             f"the range fixed_bodies is {distribution.fixed_bodies}; "
             f"valid are whole numbers from 0 to {MAXIMUM_FIXED_BODIES}."

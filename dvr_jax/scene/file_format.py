@@ -168,7 +168,9 @@ def _refuse_equal_keys(pairs: list[tuple[str, object]]) -> None:
     keys = [key for key, _ in pairs]
     for key in keys:
         if keys.count(key) > 1:
-            raise SceneError(f"the scene: the key `{key}` occurs {keys.count(key)} times; each key may occur once.")
+            raise SceneError(
+                f"the scene: the key `{key}` occurs {keys.count(key)} times; each key may occur once."
+            )
 
 
 def _explain(message: str, version: int) -> str:

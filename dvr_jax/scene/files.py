@@ -101,7 +101,9 @@ def load_scenes(path: str | Path) -> tuple[Scene, ...]:
     """
     lines = Path(path).read_bytes().split(b"\n")
     scenes = tuple(
-        scene_from_json(line, f"{path}, line {number}") for number, line in enumerate(lines, start=1) if line.strip()
+        scene_from_json(line, f"{path}, line {number}")
+        for number, line in enumerate(lines, start=1)
+        if line.strip()
     )
     if not scenes:
         raise SceneError(f"{path} holds no scene; valid is one JSON object a line.")
@@ -167,14 +169,20 @@ def _leaves(part: object) -> Iterator[object]:
 
 def _scene_of(record: SceneRecord) -> Scene:
     """The valid scene of a record."""
-    objects = [SceneObject(item.name, item.shape, item.size, item.position, item.yaw) for item in record.objects]
+    objects = [
+        SceneObject(item.name, item.shape, item.size, item.position, item.yaw)
+        for item in record.objects
+    ]
     region = record.goal.region
     goal = OnRegion(record.goal.object, Region(region.position, region.yaw, region.size))
     if isinstance(record, SceneRecord1):
         return make_scene(objects, goal, _workcell_of_home(record.home or HomeRecord()))
 
     workcell = DEFAULT_WORKCELL if record.workcell is None else _workcell_of(record.workcell)
-    fixed = [FixedBody(body.name, body.shape, body.size, body.position, body.yaw) for body in record.fixed]
+    fixed = [
+        FixedBody(body.name, body.shape, body.size, body.position, body.yaw)
+        for body in record.fixed
+    ]
 
     return make_scene(objects, goal, workcell, fixed)
 
@@ -206,13 +214,20 @@ def _workcell_of(record: WorkcellRecord) -> Workcell:
         )
         for arm in record.arms
     )
-    table = Table() if record.table is None else Table(record.table.half_extents, record.table.thickness)
+    table = (
+        Table()
+        if record.table is None
+        else Table(record.table.half_extents, record.table.thickness)
+    )
 
     return Workcell(arms, robot, table)
 
 
 def _record_of(scene: Scene) -> SceneRecord:
-    objects = tuple(ObjectRecord(item.name, item.shape, item.size, item.position, item.yaw) for item in scene.objects)
+    objects = tuple(
+        ObjectRecord(item.name, item.shape, item.size, item.position, item.yaw)
+        for item in scene.objects
+    )
     region = scene.goal.region
     goal = GoalRecord(scene.goal.object, RegionRecord(region.position, region.yaw, region.size))
     usual_homes = tuple(replace(arm, home=scene.workcell.robot.home) for arm in scene.workcell.arms)
@@ -220,7 +235,10 @@ def _record_of(scene: Scene) -> SceneRecord:
     if stands_as_usual and not scene.fixed:
         return SceneRecord1(1, objects, goal, _home_record(scene.workcell))
 
-    fixed = tuple(FixedRecord(body.name, body.shape, body.size, body.position, body.yaw) for body in scene.fixed)
+    fixed = tuple(
+        FixedRecord(body.name, body.shape, body.size, body.position, body.yaw)
+        for body in scene.fixed
+    )
     workcell = None if scene.workcell == DEFAULT_WORKCELL else _workcell_record(scene.workcell)
 
     return SceneRecord2(2, objects, goal, workcell, fixed)
@@ -244,7 +262,9 @@ def _workcell_record(workcell: Workcell) -> WorkcellRecord:
             "valid is a robot that register_robot has made known."
         ) from None
     if registered != robot:
-        raise SceneError(f"another robot is registered as '{robot.name}'; a scene file cannot refer to this one.")
+        raise SceneError(
+            f"another robot is registered as '{robot.name}'; a scene file cannot refer to this one."
+        )
 
     arms = tuple(
         ArmRecord(

@@ -53,7 +53,9 @@ RIM_SIDES = 4
 """Sides of a bin."""
 
 
-def add_fixed_bodies(generator: np.random.Generator, scene: Scene, number: tuple[int, int]) -> Scene:
+def add_fixed_bodies(
+    generator: np.random.Generator, scene: Scene, number: tuple[int, int]
+) -> Scene:
     """Add random fixed bodies to a scene.
 
     Args:

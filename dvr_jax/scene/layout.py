@@ -60,7 +60,9 @@ def home_qpos(scene: Scene, finger_travel: float | None = None) -> Float[np.ndar
     layout = qpos_layout(scene)
     qpos = np.zeros(layout.size)
     qpos[layout.arm_joints] = scene.home
-    qpos[layout.fingers] = scene.workcell.robot.finger_travel if finger_travel is None else finger_travel
+    qpos[layout.fingers] = (
+        scene.workcell.robot.finger_travel if finger_travel is None else finger_travel
+    )
 
     for indices, item in zip(layout.objects, scene.objects, strict=True):
         qpos[indices] = [*item.center, *yaw_quaternion(item.yaw)]

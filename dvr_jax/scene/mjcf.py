@@ -167,7 +167,9 @@ def _add_light_and_camera(world: mujoco.MjsBody) -> None:
         name="scene",
         pos=list(SCENE_CAMERA.position),
         quat=quaternion,
-        fovy=math.degrees(SCENE_CAMERA.field_of_view),  # MjSpec takes degrees, whatever its compiler is told
+        fovy=math.degrees(
+            SCENE_CAMERA.field_of_view
+        ),  # MjSpec takes degrees, whatever its compiler is told
     )
 
 
@@ -241,7 +243,9 @@ def _geom_of(shape: Shape, size: Size) -> tuple[mujoco.mjtGeom, list[float]]:
     return getattr(mujoco.mjtGeom, f"mjGEOM_{name.upper()}"), numbers
 
 
-def _home_controls(spec: mujoco.MjSpec, scene: Scene, qpos: Float[np.ndarray, " nq"]) -> list[float]:
+def _home_controls(
+    spec: mujoco.MjSpec, scene: Scene, qpos: Float[np.ndarray, " nq"]
+) -> list[float]:
     """Targets that hold the initial state, one for each position actuator."""
     layout = qpos_layout(scene)
     targets: dict[str, float] = {}
@@ -250,7 +254,10 @@ def _home_controls(spec: mujoco.MjSpec, scene: Scene, qpos: Float[np.ndarray, " 
         joints = [f"joint{i + 1}" for i in range(layout.arm_joints.shape[1])]
         fingers = [finger.replace("finger", "finger_joint") for finger in FINGERS]
         angles = [*qpos[layout.arm_joints[index]], *qpos[layout.fingers[index]]]
-        targets |= {f"{arm.name}/{name}": float(angle) for name, angle in zip(joints + fingers, angles, strict=True)}
+        targets |= {
+            f"{arm.name}/{name}": float(angle)
+            for name, angle in zip(joints + fingers, angles, strict=True)
+        }
 
     return [targets.get(actuator.target, 0.0) for actuator in spec.actuators]
 

@@ -108,7 +108,11 @@ class Pinhole:
 
         def extent(offset: float, pixels: int, slope: float) -> slice:
             """Pixels of one axis between the least and the largest slope."""
-            slopes = [(offset + shift) / depth for shift in (-radius, radius) for depth in (nearest, farthest)]
+            slopes = [
+                (offset + shift) / depth
+                for shift in (-radius, radius)
+                for depth in (nearest, farthest)
+            ]
             first = math.floor(pixels * (1 + min(slopes) / slope) / 2)
             last = math.ceil(pixels * (1 + max(slopes) / slope) / 2)
 
@@ -120,7 +124,9 @@ class Pinhole:
         return rows, columns
 
 
-SCENE_CAMERA = Pinhole(position=(0.0, 0.0, 2.6), target=(0.0, 0.0, 0.0), field_of_view=math.radians(46.0))
+SCENE_CAMERA = Pinhole(
+    position=(0.0, 0.0, 2.6), target=(0.0, 0.0, 0.0), field_of_view=math.radians(46.0)
+)
 """The camera that senses every scene: it looks straight down from 2.6 m; right in the image is +x, up is +y, and a
 square image shows the table within +-1.1 m. From there neither the arms, whose home postures project towards their
 bases, nor other objects hide much of an object; seen from 40 to 70 degrees of elevation some objects are lost."""

@@ -9,6 +9,7 @@ from dvr_jax.errors import OptionError
 from dvr_jax.scene import sampling
 from dvr_jax.scene.sampling import DEFAULT_DISTRIBUTION, SceneDistribution
 from dvr_jax.scene.types import Scene
+from dvr_jax.workcell.workcell import DEFAULT_WORKCELL, Workcell
 
 
 def sample_scenes(
@@ -16,6 +17,7 @@ def sample_scenes(
     objects: int = 2,
     seed: int = 0,
     distribution: SceneDistribution = DEFAULT_DISTRIBUTION,
+    workcell: Workcell = DEFAULT_WORKCELL,
 ) -> Iterator[Scene]:
     """Draw random valid scenes, one after the other.
 
@@ -23,7 +25,8 @@ def sample_scenes(
         number: Number of scenes, at least 1.
         objects: Number of objects in each scene, 1 to 8.
         seed: Seed, from 0. Scene i of a seed is the same whatever `number` is.
-        distribution: Shapes, and ranges of sizes and positions.
+        distribution: Shapes, ranges of sizes and positions, and number of fixed bodies.
+        workcell: Arms and table of all scenes, for instance `WORKCELLS["single"]`.
 
     Returns:
         An iterator over the scenes.
@@ -35,9 +38,15 @@ def sample_scenes(
     for name, value in (("number", number), ("objects", objects), ("seed", seed)):
         _require_whole_number(name, value)
     if not isinstance(distribution, SceneDistribution):
-        raise OptionError(f"distribution is of the type {type(distribution).__name__}; valid is a SceneDistribution.")
+        raise OptionError(
+            f"distribution is of the type {type(distribution).__name__}; valid is a SceneDistribution."
+        )
+    if not isinstance(workcell, Workcell):
+        raise OptionError(
+            f"workcell is of the type {type(workcell).__name__}; valid is a Workcell."
+        )
 
-    return sampling.sample_scenes(number, objects, seed, distribution)
+    return sampling.sample_scenes(number, objects, seed, distribution, workcell)
 
 
 def _require_whole_number(name: str, value: object) -> None:

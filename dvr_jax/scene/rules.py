@@ -44,7 +44,9 @@ def require_name(kind: str, name: str, reserved: str = RESERVED_CHARACTERS) -> N
     if not isinstance(name, str) or not name:
         raise SceneError(f"{kind}'s name is {name!r}; a name is a text of at least one character.")
     if set(name) & set(reserved) or name != name.strip():
-        raise SceneError(f"{kind}'s name is {name!r}; a name has none of {' '.join(reserved)}, no blanks around it.")
+        raise SceneError(
+            f"{kind}'s name is {name!r}; a name has none of {' '.join(reserved)}, no blanks around it."
+        )
 
 
 def require_unique(kinds: str, names: Sequence[str]) -> None:
@@ -59,7 +61,9 @@ def require_unique(kinds: str, names: Sequence[str]) -> None:
     """
     for name in names:
         if names.count(name) > 1:
-            raise SceneError(f"{names.count(name)} {kinds} are called {name!r}; each name may occur once.")
+            raise SceneError(
+                f"{names.count(name)} {kinds} are called {name!r}; each name may occur once."
+            )
 
 
 def require_numbers(
@@ -87,13 +91,23 @@ def require_numbers(
     lower, upper = valid
 
     for value in values:
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, (int, float))
+            or not math.isfinite(value)
+        ):
             raise SceneError(f"{what} is {in_words(values)}; valid are finite numbers.")
         if not lower <= value <= upper:
             most = f" and at most {upper:g}" if math.isfinite(upper) else ""
-            raise SceneError(f"{what} is {in_words(values)}; valid is at least {lower:g}{most} {unit}.")
+            raise SceneError(
+                f"{what} is {in_words(values)}; valid is at least {lower:g}{most} {unit}."
+            )
 
 
 def in_words(values: Sequence[float]) -> str:
     """Print numbers for a message, as in "(0.1, 0.2)"."""
-    return "(" + ", ".join(f"{value:g}" if isinstance(value, float) else repr(value) for value in values) + ")"
+    return (
+        "("
+        + ", ".join(f"{value:g}" if isinstance(value, float) else repr(value) for value in values)
+        + ")"
+    )

@@ -73,7 +73,10 @@ def sample_scenes(
     validate_request(number_of_objects, distribution)
     validate_workcell(workcell)
 
-    return (scene_of_seed(seed, index, number_of_objects, distribution, workcell) for index in range(number))
+    return (
+        scene_of_seed(seed, index, number_of_objects, distribution, workcell)
+        for index in range(number)
+    )
 
 
 def scene_of_seed(
@@ -98,7 +101,9 @@ def scene_of_seed(
     Raises:
         SceneError: An argument is out of range, or no valid scene is found.
     """
-    return sample_scene(np.random.default_rng([seed, index]), number_of_objects, distribution, workcell)
+    return sample_scene(
+        np.random.default_rng([seed, index]), number_of_objects, distribution, workcell
+    )
 
 
 def sample_scene(
@@ -149,7 +154,9 @@ class _Draft:
     """Index of the object that was put onto the goal region."""
 
 
-def _valid_scene(draft: _Draft, distribution: SceneDistribution, workcell: Workcell) -> Scene | None:
+def _valid_scene(
+    draft: _Draft, distribution: SceneDistribution, workcell: Workcell
+) -> Scene | None:
     """The scene of a draft; None if it breaks a rule, or if its goal holds from the start."""
     if draft.occupant is not None:
         # The occupant's position is drawn on the region: it alone need not be within reach like all others.

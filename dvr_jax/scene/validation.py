@@ -81,9 +81,13 @@ def validate_scene(scene: Scene) -> None:
     _require_constant(scene)
     validate_workcell(scene.workcell)
     if not 1 <= len(scene.objects) <= MAXIMUM_OBJECTS:
-        raise SceneError(f"the scene has {len(scene.objects)} objects; valid are 1 to {MAXIMUM_OBJECTS}.")
+        raise SceneError(
+            f"the scene has {len(scene.objects)} objects; valid are 1 to {MAXIMUM_OBJECTS}."
+        )
     if len(scene.fixed) > MAXIMUM_FIXED_BODIES:
-        raise SceneError(f"the scene has {len(scene.fixed)} fixed bodies; valid are 0 to {MAXIMUM_FIXED_BODIES}.")
+        raise SceneError(
+            f"the scene has {len(scene.fixed)} fixed bodies; valid are 0 to {MAXIMUM_FIXED_BODIES}."
+        )
 
     _validate_names(scene)
 
@@ -103,7 +107,9 @@ def _require_constant(scene: Scene) -> None:
     try:
         hash(scene)
     except TypeError as error:
-        raise SceneError(f"a part of the scene can change ({error}); valid are tuples instead of lists.") from None
+        raise SceneError(
+            f"a part of the scene can change ({error}); valid are tuples instead of lists."
+        ) from None
 
 
 def _validate_names(scene: Scene) -> None:
@@ -156,9 +162,13 @@ def _validate_fixed_body(body: FixedBody, workcell: Workcell) -> None:
     what = f"the fixed body {body.name!r}"
     _validate_body(what, body, (-LARGEST_DISTANCE, LARGEST_DISTANCE))
     if body.bottom < -OVERLAP_TOLERANCE:
-        raise SceneError(f"{what} begins {-body.bottom:.3g} m below the table's top; valid is at its top or higher.")
+        raise SceneError(
+            f"{what} begins {-body.bottom:.3g} m below the table's top; valid is at its top or higher."
+        )
     if body.top > LARGEST_SIZE:
-        raise SceneError(f"{what} reaches {body.top:.3g} m above the table; valid are at most {LARGEST_SIZE:g} m.")
+        raise SceneError(
+            f"{what} reaches {body.top:.3g} m above the table; valid are at most {LARGEST_SIZE:g} m."
+        )
 
     require_off_bases(what, body.footprint, body.bottom, workcell)
 

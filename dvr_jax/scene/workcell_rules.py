@@ -58,7 +58,9 @@ def validate_workcell(workcell: Workcell) -> None:
         SceneError: A rule is broken; the message names the first one.
     """
     if not 1 <= workcell.number_of_arms <= LARGEST_NUMBER_OF_ARMS:
-        raise SceneError(f"the workcell has {workcell.number_of_arms} arms; valid are 1 to {LARGEST_NUMBER_OF_ARMS}.")
+        raise SceneError(
+            f"the workcell has {workcell.number_of_arms} arms; valid are 1 to {LARGEST_NUMBER_OF_ARMS}."
+        )
 
     _validate_table(workcell.table)
 
@@ -103,7 +105,9 @@ def require_off_bases(
     foot = workcell.robot.base_foot
 
     for arm in workcell.arms:
-        distance = min(signed_distance(footprint, part) for part in base_footprints(arm, workcell.robot))
+        distance = min(
+            signed_distance(footprint, part) for part in base_footprints(arm, workcell.robot)
+        )
         if distance < -OVERLAP_TOLERANCE:
             raise SceneError(
                 f"{what} at {in_words(footprint.center)} overlaps the {arm.name} arm's base, {foot.radius} m around "
@@ -153,11 +157,15 @@ def _validate_table(table: Table) -> None:
 def _validate_arm_name(name: str) -> None:
     require_name("an arm", name, ARM_RESERVED_CHARACTERS)
     if len(name) > LONGEST_NAME:
-        raise SceneError(f"an arm's name has {len(name)} characters; valid are at most {LONGEST_NAME}.")
+        raise SceneError(
+            f"an arm's name has {len(name)} characters; valid are at most {LONGEST_NAME}."
+        )
     if not name.isprintable():
         raise SceneError(f"an arm's name is {name!r}; valid are printable characters only.")
     if name in RESERVED_ARM_NAMES:
-        raise SceneError(f"an arm's name is {name!r}; valid is any name but {' and '.join(RESERVED_ARM_NAMES)}.")
+        raise SceneError(
+            f"an arm's name is {name!r}; valid is any name but {' and '.join(RESERVED_ARM_NAMES)}."
+        )
 
 
 def _validate_base(arm: Arm, workcell: Workcell) -> None:

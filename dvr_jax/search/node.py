@@ -36,8 +36,8 @@ class Node:
     """Verdict of the sequence bound, or False by the pose bound; None: not computed."""
 
     refuted_by: str = ""
-    """The bound that refuted the prefix: "symbolic", "pose", "sequence", "path", or "check" for a path that only the check
-    refused."""
+    """The bound that refuted the prefix: "symbolic", "pose", "sequence", "path", or "check" for a path that only the
+    check refused."""
 
     violation: float = math.nan
     """Least violation that an NLP under the refuting bound ended with, as a multiple of its tolerance."""

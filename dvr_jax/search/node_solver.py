@@ -61,8 +61,8 @@ class Counts:
     """NLP solves (starts count singly): "pose", "sequence", "path"."""
 
     verdicts: Counter[str] = field(default_factory=Counter)
-    """Prefixes judged, by bound, including those that a candidate proved feasible or the scene refuted; "leaf": sequences
-    that reach the goal and were considered."""
+    """Prefixes judged, by bound, including those that a candidate proved feasible or the scene refuted; "leaf":
+    sequences that reach the goal and were considered."""
 
     feasible: Counter[str] = field(default_factory=Counter)
     """Those of the verdicts that say feasible."""
@@ -71,7 +71,9 @@ class Counts:
 class NodeSolver:
     """Beams and NLPs of the nodes of one scene, and how many there were."""
 
-    def __init__(self, scene: Scene, settings: Settings, deadline: float, operators: Sequence[Operator]) -> None:
+    def __init__(
+        self, scene: Scene, settings: Settings, deadline: float, operators: Sequence[Operator]
+    ) -> None:
         """Prepare the work on one scene.
 
         Args:
@@ -92,7 +94,9 @@ class NodeSolver:
         if time.monotonic() > self.deadline:
             raise OutOfTime
 
-    def sample(self, nodes: list[Node], ignored: list[tuple[str, ...]], seed: int) -> Steps[list[Node]]:
+    def sample(
+        self, nodes: list[Node], ignored: list[tuple[str, ...]], seed: int
+    ) -> Steps[list[Node]]:
         """Sample the beams of nodes whose parents have theirs.
 
         Args:
@@ -106,7 +110,10 @@ class NodeSolver:
         for first in range(0, len(nodes), BATCH):
             self.look_at_the_clock()
             part = nodes[first : first + BATCH]
-            tasks = [self._beam_task(*task) for task in zip(part, ignored[first : first + BATCH], strict=True)]
+            tasks = [
+                self._beam_task(*task)
+                for task in zip(part, ignored[first : first + BATCH], strict=True)
+            ]
             beams = yield ExtendBeams(self.model, tasks, seed)
             for node, task, beam in zip(part, tasks, beams, strict=True):
                 node.problem = task.problem
@@ -215,7 +222,9 @@ class NodeSolver:
         beam = _beam_of(node)
         # Spread over the candidates: neighbors in rank often are siblings.
         good = int((beam.violation <= GOOD_PENETRATION).sum())
-        return [keyframe_start(beam, rank, node.depth) for rank in _spread(range(good), PATH_STARTS)]
+        return [
+            keyframe_start(beam, rank, node.depth) for rank in _spread(range(good), PATH_STARTS)
+        ]
 
     def more_keyframes(self, node: Node, most: int) -> Steps[list[Variables]]:
         """Solve the keyframe NLP from candidates that are not good.
@@ -250,7 +259,9 @@ class NodeSolver:
         problem = _problem_of(node)
         start = initial_path(self.model, problem, keyframes or self.path_keyframes(node)[0])
         self.counts.nlps["path"] += 1
-        solved: list[NlpSolution] = yield SolveNlps(self.model, [path_problem(problem, start)], [start], self.settings)
+        solved: list[NlpSolution] = yield SolveNlps(
+            self.model, [path_problem(problem, start)], [start], self.settings
+        )
         return solved[0]
 
 

@@ -1,9 +1,9 @@
 """The pose bound: keyframes of the actions on one object alone, whose verdicts many sequences share.
 
-A *chain* is the sequence of all actions on one object so far; all other objects that have moved meanwhile are left out of the
-world. A chain whose keyframes are infeasible refutes every sequence that contains it. Before the chain, its last switch is
-judged alone where the object is held: how it was grasped is free, so that one verdict, of two slices, is shared by all chains
-that end with the same two actions.
+A *chain* is the sequence of all actions on one object so far; all other objects that have moved meanwhile are left out
+of the world. A chain whose keyframes are infeasible refutes every sequence that contains it. Before the chain, its
+last switch is judged alone where the object is held: how it was grasped is free, so that one verdict, of two slices,
+is shared by all chains that end with the same two actions.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from dvr_jax.search.node_solver import NodeSolver
 from dvr_jax.search.work import Steps
 
 SWITCH_SAMPLES = 2
-"""Samples that have to fail before a last switch alone refutes what ends with it: that is a lot, and one sample misses 1 to 5
-of 1,139 switches known to be feasible."""
+"""Samples that have to fail before a last switch alone refutes what ends with it: that is a lot, and one sample misses
+1 to 5 of 1,139 switches known to be feasible."""
 
 Actions = tuple[Action, ...]
 Ignored = frozenset[str]
@@ -130,17 +130,23 @@ class PoseBound:
                 fresh.append((node, ignored))
         return fresh
 
-    def _pass_switches(self, nodes: list[tuple[Node, Ignored]]) -> Steps[list[tuple[Node, Ignored]]]:
+    def _pass_switches(
+        self, nodes: list[tuple[Node, Ignored]]
+    ) -> Steps[list[tuple[Node, Ignored]]]:
         """Those chains that are not refuted by their last switch alone."""
         fresh = self._fresh_switches(nodes)
         for seed in range(self._seed, self._seed + SWITCH_SAMPLES):
             refuted = [
-                (switch, tuple(sorted(ignored))) for (_, ignored), switch in fresh.items() if not switch.feasible
+                (switch, tuple(sorted(ignored)))
+                for (_, ignored), switch in fresh.items()
+                if not switch.feasible
             ]
             for switch, left_out in refuted:
                 self._solver.isolate_switch(switch, self._root, left_out, seed)
             switches = [switch for switch, _ in refuted]
-            unproved = yield from self._solver.sample(switches, [left_out for _, left_out in refuted], seed)
+            unproved = yield from self._solver.sample(
+                switches, [left_out for _, left_out in refuted], seed
+            )
             yield from self._solver.solve(unproved, "pose")
         self._count(list(fresh.values()))
 
@@ -160,7 +166,10 @@ class PoseBound:
         for node, ignored in nodes:
             pair = node.actions[-2:]
             # A chain of two is as cheap as its last switch, and where it is feasible, so is the switch.
-            if node.depth < 3 or operator_of(pair[0], self._solver.operators).mode_after != ModeKind.HELD:
+            if (
+                node.depth < 3
+                or operator_of(pair[0], self._solver.operators).mode_after != ModeKind.HELD
+            ):
                 continue
             known = self._switches.setdefault(pair, {})
             if ignored in known or self._is_proved(pair, ignored):
@@ -184,7 +193,10 @@ class PoseBound:
 
     def _is_proved(self, chain: Actions, ignored: Ignored) -> bool:
         """Whether a chain is known to be feasible with these objects left out, or fewer."""
-        return any(others <= ignored and other.feasible for others, other in self._chains.get(chain, {}).items())
+        return any(
+            others <= ignored and other.feasible
+            for others, other in self._chains.get(chain, {}).items()
+        )
 
     def _inherit(self, node: Node, known: dict[Ignored, Node], ignored: Ignored) -> bool:
         """Whether the same is known to be feasible with fewer objects left out; the node then takes that over."""

@@ -1,13 +1,13 @@
 """Search that a network guides: Algorithm 1 of the paper, and its variant for the recurrent feasibility classifier.
 
 The network says of each action how promising it is after the prefix before it. The node with the highest prediction is
-expanded first; of the sequences found that reach the goal, those are solved whose prediction exceeds a threshold, which falls
-as the search goes on. Whatever the network says, every sequence of at most K_max actions is reached in the end unless a bound
-has refuted a prefix of it, so nothing that breadth-first search finds is lost.
+expanded first; of the sequences found that reach the goal, those are solved whose prediction exceeds a threshold,
+which falls as the search goes on. Whatever the network says, every sequence of at most K_max actions is reached in the
+end unless a bound has refuted a prefix of it, so nothing that breadth-first search finds is lost.
 
-Beyond the paper: each time that none of the sequences tried was feasible, the next try waits for four times as many above the
-threshold and judges their keyframes in one batch; paths are tried in the order of the predictions. Where the network is right
-nothing changes; where it is wrong, a batch is many times cheaper than its members one by one.
+Beyond the paper: each time that none of the sequences tried was feasible, the next try waits for four times as many
+above the threshold and judges their keyframes in one batch; paths are tried in the order of the predictions. Where the
+network is right nothing changes; where it is wrong, a batch is many times cheaper than its members one by one.
 """
 
 from __future__ import annotations
@@ -71,8 +71,8 @@ class _ByProbability:
 
         Args:
             number: How many are wanted.
-            threshold: All of them have to exceed it, else none is returned; where it is negative, as many are returned as
-                there are.
+            threshold: All of them have to exceed it, else none is returned; where it is negative, as many are returned
+                as there are.
         """
         entries: list[tuple[float, int, _Candidate]] = []
         while self._heap and len(entries) < number:
@@ -107,7 +107,9 @@ class _ByDepth(_ByProbability):
         return heapq.heappop(self._ready)[3]
 
 
-def visual_reasoning(session: SearchSession, network: SequencePredictor[Images, Encoding]) -> Steps[Outcome]:
+def visual_reasoning(
+    session: SearchSession, network: SequencePredictor[Images, Encoding]
+) -> Steps[Outcome]:
     """Search by Algorithm 1: the network predicts whether an action leads to the goal.
 
     Args:
@@ -117,7 +119,9 @@ def visual_reasoning(session: SearchSession, network: SequencePredictor[Images, 
     return (yield from _guided(session, network, _ByProbability()))
 
 
-def feasibility_classifier(session: SearchSession, network: SequencePredictor[Images, Encoding]) -> Steps[Outcome]:
+def feasibility_classifier(
+    session: SearchSession, network: SequencePredictor[Images, Encoding]
+) -> Steps[Outcome]:
     """Search breadth-first among what the network predicts to be feasible, whatever the goal.
 
     Args:

@@ -1,8 +1,8 @@
 """Breadth-first search and multi-bound tree search over the sequences of one scene, and all searches by name.
 
-These two visit sequences in order of length and stop at the first whose path is accepted; both are complete up to K_max: they
-end without a solution only when every sequence has been refuted by some bound (or at the time limit). Within a length,
-sequences that reach the goal come first. They differ in what they compute on the way:
+These two visit sequences in order of length and stop at the first whose path is accepted; both are complete up to
+K_max: they end without a solution only when every sequence has been refuted by some bound (or at the time limit).
+Within a length, sequences that reach the goal come first. They differ in what they compute on the way:
 
 - *breadth-first* takes the sequence bound of every prefix;
 - *multi-bound* (Toussaint and Lopes 2017) prunes with the pose bound, whose verdicts many prefixes share, and takes the
@@ -42,8 +42,8 @@ def breadth_first(session: SearchSession) -> Steps[Outcome]:
 def multi_bound(session: SearchSession) -> Steps[Outcome]:
     """Search with several bounds: the pose bound prunes, the sequence bound is taken along goal-reaching sequences.
 
-    Pose bounds of short prefixes are taken at once; those of longer ones, which are many, only along the sequences whose turn
-    it is, or where a shorter one has refuted them already.
+    Pose bounds of short prefixes are taken at once; those of longer ones, which are many, only along the sequences
+    whose turn it is, or where a shorter one has refuted them already.
     """
 
     def judge(nodes: list[Node]) -> Steps[list[Node]]:
@@ -54,7 +54,9 @@ def multi_bound(session: SearchSession) -> Steps[Outcome]:
     return (yield from _by_levels(session, session.judge_leaves, judge))
 
 
-def _by_levels(session: SearchSession, judge_leaves: Judge, judge_prefixes: Judge) -> Steps[Outcome]:
+def _by_levels(
+    session: SearchSession, judge_leaves: Judge, judge_prefixes: Judge
+) -> Steps[Outcome]:
     """Search level by level.
 
     Args:
@@ -65,7 +67,9 @@ def _by_levels(session: SearchSession, judge_leaves: Judge, judge_prefixes: Judg
     tree = session.tree
     level = [tree.root]
     for depth in range(1, tree.k_max + 1):
-        children = [child for node in level if node.feasible is not False for child in tree.expand(node)]
+        children = [
+            child for node in level if node.feasible is not False for child in tree.expand(node)
+        ]
         leaves = [node for node in children if node.reaches_goal]
         session.progress(f"length {depth}: {len(children)} prefixes, {len(leaves)} reach the goal")
 
@@ -85,14 +89,19 @@ def _batches(nodes: list[Node]) -> list[list[Node]]:
     return [nodes[first : first + LEAVES] for first in range(0, len(nodes), LEAVES)]
 
 
-BLIND: dict[str, Callable[[SearchSession], Steps[Outcome]]] = {"mbts": multi_bound, "bfs": breadth_first}
+BLIND: dict[str, Callable[[SearchSession], Steps[Outcome]]] = {
+    "mbts": multi_bound,
+    "bfs": breadth_first,
+}
 """Searches that need no network, by the name that the command line gives them."""
 
 
 class GuidedSearch(Protocol):
     """A search that takes any network."""
 
-    def __call__(self, session: SearchSession, network: SequencePredictor[Images, Encoding]) -> Steps[Outcome]:
+    def __call__(
+        self, session: SearchSession, network: SequencePredictor[Images, Encoding]
+    ) -> Steps[Outcome]:
         """Search with the network's predictions."""
         ...
 
@@ -148,5 +157,7 @@ def steps_of(
     if name not in GUIDED:
         raise DvrError(f"there is no search '{name}'; valid: {', '.join(SEARCHES)}.")
     if network is None:
-        raise DvrError(f"the search '{name}' needs a network; valid without one: {', '.join(BLIND)}.")
+        raise DvrError(
+            f"the search '{name}' needs a network; valid without one: {', '.join(BLIND)}."
+        )
     return GUIDED[name](session, network)

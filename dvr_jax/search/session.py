@@ -131,7 +131,9 @@ class SearchSession:
         outcome = yield from self._try_path_from(node, starts)
         if outcome is None and len(starts) < PATH_STARTS:
             with self.timed("sequence"):
-                further = yield from self.tree.solver.more_keyframes(node, PATH_STARTS - len(starts))
+                further = yield from self.tree.solver.more_keyframes(
+                    node, PATH_STARTS - len(starts)
+                )
             outcome = yield from self._try_path_from(node, further)
         return outcome
 

@@ -1,15 +1,15 @@
 """The tree of action sequences of one scene, and the verdicts of its bounds, computed once and kept.
 
-Bounds of a node, each a relaxation of the next, so that infeasible under one means infeasible under all that follow and for
-all descendants:
+Bounds of a node, each a relaxation of the next, so that infeasible under one means infeasible under all that follow
+and for all descendants:
 
 - *symbolic*: the goal can be reached within K_max actions; no action is refuted by a constant of the scene;
 - *pose*: the keyframes of the actions on one object alone (`dvr_jax.search.pose_bound`);
 - *sequence*: the keyframes of the whole prefix;
 - *path*: the whole motion of a sequence that reaches the goal.
 
-Bounds are generators: they ask for work (`dvr_jax.search.work`) and go on when it is done, so that the trees of many scenes
-can share batches. Only `SequenceTree.retry_refuted` takes a verdict back.
+Bounds are generators: they ask for work (`dvr_jax.search.work`) and go on when it is done, so that the trees of many
+scenes can share batches. Only `SequenceTree.retry_refuted` takes a verdict back.
 """
 
 from __future__ import annotations
@@ -62,7 +62,9 @@ class SequenceTree:
         self.solver = NodeSolver(scene, settings or Settings(), deadline, operators)
         self.counts = self.solver.counts
         self.grounding: Grounding = ground_scene(scene, operators)
-        self._refuted = {action: refute(scene, action, operators) for action in self.grounding.actions}
+        self._refuted = {
+            action: refute(scene, action, operators) for action in self.grounding.actions
+        }
         self.root = Node((), self.grounding.initial_state, None, reaches_goal=False, feasible=True)
         self.root.beam = empty_beam(len(scene.objects), k_max, scene.workcell.number_of_joints)
         self._pose_bound = PoseBound(self.solver, self.root, seed)
@@ -118,7 +120,9 @@ class SequenceTree:
 
         Their last actions are sampled anew, and the keyframe NLP is started from every candidate.
         """
-        refuted = [node for node in nodes if node.feasible is False and node.refuted_by == "sequence"]
+        refuted = [
+            node for node in nodes if node.feasible is False and node.refuted_by == "sequence"
+        ]
         unproved = yield from self.solver.sample(refuted, [()] * len(refuted), self.seed + 1)
         yield from self.solver.solve_from_all(unproved, "sequence")
         for node in refuted:

@@ -50,10 +50,14 @@ class _Programs:
         self.settings = Settings(iteration_limit=1)
         actions = covering_sequence(scene, k_max, operators)
         lengths = range(1, len(actions) + 1)
-        self.problems: dict[int, Problem] = {K: transcribe(scene, actions[:K], operators=operators) for K in lengths}
+        self.problems: dict[int, Problem] = {
+            K: transcribe(scene, actions[:K], operators=operators) for K in lengths
+        }
         self.proposals = [
             operator_of(action, operators).proposal(state.modes[switch.item].kind)
-            for action, state, switch in zip(actions, *walk(scene, actions, (), operators), strict=False)
+            for action, state, switch in zip(
+                actions, *walk(scene, actions, (), operators), strict=False
+            )
         ]
 
     def solve_keyframes(self, length: int) -> None:
@@ -74,14 +78,18 @@ class _Programs:
         problem = self.problems[1]
         beam = empty_beam(len(problem.prism), self.k_max, len(problem.home))
         for length, proposal in enumerate(self.proposals, start=1):
-            (beam,) = extend_beams(self.model, [BeamTask(beam, self.problems[length], proposal)], [lanes], 0)
+            (beam,) = extend_beams(
+                self.model, [BeamTask(beam, self.problems[length], proposal)], [lanes], 0
+            )
 
     def _home(self, length: int) -> Variables:
         problem = self.problems[length]
         return Variables(jnp.tile(problem.home, (length, 1)), jnp.zeros((length, PARAMETERS)))
 
 
-def covering_sequence(scene: Scene, length: int, operators: Sequence[Operator] = OPERATORS) -> tuple[Action, ...]:
+def covering_sequence(
+    scene: Scene, length: int, operators: Sequence[Operator] = OPERATORS
+) -> tuple[Action, ...]:
     """A sequence in which every way to sample an action occurs early.
 
     Whether it can be done does not matter, nor whether it reaches the goal.
@@ -141,7 +149,9 @@ def warm_up(
     _ready.add(_key(scene, k_max, network, operators))
 
 
-def _jobs(programs: _Programs, scene: Scene, network: SequencePredictor[Images, Encoding] | None) -> list[Job]:
+def _jobs(
+    programs: _Programs, scene: Scene, network: SequencePredictor[Images, Encoding] | None
+) -> list[Job]:
     """What has to be compiled, in the order in which a search comes to need it."""
     lengths = list(programs.problems)
     keyframes = {length: partial(programs.solve_keyframes, length) for length in lengths}

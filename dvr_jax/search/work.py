@@ -1,7 +1,7 @@
 """Work that searches ask for, and its execution: for one search alone, or for many at once in shared batches.
 
-A search is a generator that yields requests and is sent their results. What it is sent does not depend on who else is served
-with it: lanes of a batch do not know of each other.
+A search is a generator that yields requests and is sent their results. What it is sent does not depend on who else is
+served with it: lanes of a batch do not know of each other.
 """
 
 from __future__ import annotations

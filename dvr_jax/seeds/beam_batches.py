@@ -1,7 +1,7 @@
 """Extending the beams of lists of prefixes: padded to few numbers of lanes, so that little is compiled.
 
-The interface between search (lists of Python objects) and compiled code (stacked arrays). What a prefix gets does not depend
-on what else is in the lists.
+The interface between search (lists of Python objects) and compiled code (stacked arrays). What a prefix gets does not
+depend on what else is in the lists.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ class BeamTask:
 def lane_counts(tasks: Sequence[BeamTask]) -> list[int]:
     """How many prefixes each of these shares a call with when they are asked for together.
 
-    A program of other lanes may round differently, so the number depends only on the request, and not on which other requests
-    share the batch.
+    A program of other lanes may round differently, so the number depends only on the request, and not on which other
+    requests share the batch.
     """
     keys = [_program_key(task) for task in tasks]
     counts = Counter(keys)

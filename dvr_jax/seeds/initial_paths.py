@@ -62,7 +62,8 @@ def keyframe_start(beam: KeyframeBeam, rank: int, phases: int) -> Variables:
 
 
 def initial_path(model: WorkcellModel, problem: Problem, keyframes: Variables) -> Variables:
-    """A path through keyframes, at rest at each; an arm that takes part in a switch comes and goes through a clear pose.
+    """A path through keyframes, at rest at each; an arm that takes part in a switch comes and goes through a clear
+    pose.
 
     Args:
         model: Arms of the workcell.
@@ -87,8 +88,8 @@ def initial_path(model: WorkcellModel, problem: Problem, keyframes: Variables) -
 def path_problem(problem: Problem, start: Variables, samples: int = PATH_SAMPLES) -> Problem:
     """The path NLP of a sequence from its keyframe NLP.
 
-    The path is drawn to its start, and more so close to a switch, for the arms that take part: without it the shortest motion
-    sweeps sideways into a grasp. All arms rest at the end. Distances are taken on the motion through the start.
+    The path is drawn to its start, and more so close to a switch, for the arms that take part: without it the shortest
+    motion sweeps sideways into a grasp. All arms rest at the end. Distances are taken on the motion through the start.
 
     Args:
         problem: Keyframe NLP.
@@ -119,8 +120,8 @@ def path_problem(problem: Problem, start: Variables, samples: int = PATH_SAMPLES
 def _wanted_poses(problem: Problem) -> list[_ClearPose]:
     """Clear poses beside all switches.
 
-    A gripper that comes to grasp, or has let go, is back along its approach; one that holds something that stands before or
-    after the switch is straight above.
+    A gripper that comes to grasp, or has let go, is back along its approach; one that holds something that stands
+    before or after the switch is straight above.
     """
     wanted: list[_ClearPose] = []
     for k, item in enumerate(problem.switched_object):

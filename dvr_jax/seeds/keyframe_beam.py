@@ -1,11 +1,11 @@
 """Starts for the keyframe NLP: a beam of candidates that is extended action by action along the tree of sequences.
 
-The NLP has local minima (which way the elbow points, from which side the gripper comes, where on the table an object is put),
-and one start near the home posture misses most feasible problems. So every prefix of a sequence keeps a *beam*: a few
-candidates, each of them joint angles at each switch and mode parameters that meet all switch constraints exactly, by
-closed-form inverse kinematics, ranked by how deep things penetrate. The beam of a child is sampled from its parent's:
-proposals of mode parameters (`dvr_jax.operators`), inverse kinematics, distances, and the best are kept with a handicap for
-siblings. Sequences with a common prefix share its beam.
+The NLP has local minima (which way the elbow points, from which side the gripper comes, where on the table an object
+is put), and one start near the home posture misses most feasible problems. So every prefix of a sequence keeps a
+*beam*: a few candidates, each of them joint angles at each switch and mode parameters that meet all switch constraints
+exactly, by closed-form inverse kinematics, ranked by how deep things penetrate. The beam of a child is sampled from
+its parent's: proposals of mode parameters (`dvr_jax.operators`), inverse kinematics, distances, and the best are kept
+with a handicap for siblings. Sequences with a common prefix share its beam.
 
 Candidates propose. One that touches nothing is a feasible point by itself (`CERTIFIED_PENETRATION`); in all other cases
 the NLP decides.
@@ -36,7 +36,14 @@ from dvr_jax.nlp.collision_distances import Bodies
 from dvr_jax.nlp.problem import Problem
 from dvr_jax.nlp.slices import Slices, measure
 from dvr_jax.operators.grasp import LARGEST_GRASP
-from dvr_jax.operators.proposal import UNIFORM_NUMBERS, BeamStep, ObjectBefore, Proposal, ProposedPoses, of_arm
+from dvr_jax.operators.proposal import (
+    UNIFORM_NUMBERS,
+    BeamStep,
+    ObjectBefore,
+    Proposal,
+    ProposedPoses,
+    of_arm,
+)
 from dvr_jax.runtime.compilation import Program
 from dvr_jax.workcell.kinematics import BasePoses
 from dvr_jax.workcell.model import WorkcellModel
@@ -168,7 +175,8 @@ def held_beam(problem: Problem, k_max: int, seed: int) -> KeyframeBeam:
 
 
 def random_shape(model: WorkcellModel) -> tuple[int, int, int]:
-    """Shape of the uniform numbers that one extension takes: for the proposals, then for the free joints of two arms."""
+    """Shape of the uniform numbers that one extension takes: for the proposals, then for the free joints of two
+    arms."""
     free = len(model.structure.inverse_kinematics.free_joints)
     return (UNIFORM_NUMBERS + 2 * FREE_ANGLE_SAMPLES * free, BEAM_WIDTH, PROPOSALS)
 
@@ -210,7 +218,9 @@ def extend_beam(
 
 
 @Program
-def _reach(model: WorkcellModel, step: BeamStep, arm: Array, R: Rotation, p: Vector, u: Array) -> _Reached:
+def _reach(
+    model: WorkcellModel, step: BeamStep, arm: Array, R: Rotation, p: Vector, u: Array
+) -> _Reached:
     """Best inverse kinematics of one arm for gripper poses with batch axes (M, B, J).
 
     The best lies nearest to the home posture, which keeps clear of joint limits and leaves the elbow up.
@@ -242,13 +252,17 @@ def _reach(model: WorkcellModel, step: BeamStep, arm: Array, R: Rotation, p: Vec
     home = of_arm(step.home.reshape(len(step.home), -1, len(q)), arm).T[:, None, :, None, None]
     squares = materialize(tuple((q - home) ** 2))
     distance = sum(squares)
-    cost = materialize(jnp.where(failure == 0, HOME_DISTANCE_WEIGHT * distance, UNREACHABLE + failure))
+    cost = materialize(
+        jnp.where(failure == 0, HOME_DISTANCE_WEIGHT * distance, UNREACHABLE + failure)
+    )
     best = jnp.argmin(cost, axis=0)
     q = jnp.take_along_axis(q, best[None, None], axis=1)[:, 0]
     return _Reached(jnp.moveaxis(q, 0, -1), cost.min(0))
 
 
-def _sample_free_angles(model: WorkcellModel, u: Array, shape: tuple[int, ...]) -> Float[Array, "free n *shape"]:
+def _sample_free_angles(
+    model: WorkcellModel, u: Array, shape: tuple[int, ...]
+) -> Float[Array, "free n *shape"]:
     """Angles of the free joints: each joint's range is divided evenly among the samples [rad]."""
     free_joints = model.structure.inverse_kinematics.free_joints
     if not free_joints:
@@ -344,7 +358,10 @@ def _penetration(
 
 @Program
 def _select(
-    beam: KeyframeBeam, step: BeamStep, candidates: _BeamCandidates, penetration: Float[Array, "prefixes chosen"]
+    beam: KeyframeBeam,
+    step: BeamStep,
+    candidates: _BeamCandidates,
+    penetration: Float[Array, "prefixes chosen"],
 ) -> KeyframeBeam:
     """The best candidates; the k-th best child of one parent waits behind children of others."""
     M, N = beam.kind.shape
@@ -372,7 +389,9 @@ def _select(
         kind=jnp.where(is_item, step.kind_after[:, None], beam.kind),
         parent=jnp.where(is_item, step.parent_after[:, None], beam.parent),
         closing_yaw=jnp.where(is_item, step.closing_yaw[:, None], beam.closing_yaw),
-        parameters=jnp.where(is_item[:, None, :, None], m[:, :, None], from_parent(beam.parameters)),
+        parameters=jnp.where(
+            is_item[:, None, :, None], m[:, :, None], from_parent(beam.parameters)
+        ),
         violation=jnp.take_along_axis(violation, best, axis=1),
         q=jnp.where(is_new, q[:, :, None], from_parent(beam.q)),
         m=jnp.where(is_new, m[:, :, None], from_parent(beam.m)),

@@ -4,7 +4,7 @@ A shape is a value. Adding one means writing one file with a `Shape` and registe
 grasps, placements and pictures then know it. Random scenes keep to boxes and cylinders.
 
 All shapes are *prisms* to the optimizer: half extents ``(hx, hy, hz)`` of a box whose horizontal outline is rounded
-outwards by ``r``. A box has ``r = 0``, an upright cylinder ``hx = hy = 0``; see `dvr_jax.geometry.distances`.
+outwards by ``r``. A box has ``r = 0``, an upright cylinder ``hx = hy = 0``; see `dvr_jax.geometry.prisms`.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """An augmented-Lagrangian Gauss-Newton method for one lane, whatever the problem: pure functions under `vmap`.
 
-With costs r (half their sum of squares), equalities h = 0 and inequalities g <= 0, penalties p and multipliers y, z >= 0:
+With costs r (half their sum of squares), equalities h = 0 and inequalities g <= 0, penalties p and multipliers y, z >=
+0:
 
     L(x) = 1/2 |r|^2 + y.h + p/2 |h|^2 + 1/(2 p) sum(max(0, z + p g)^2 - z^2)
 
@@ -12,13 +13,13 @@ leads to the next trial point (`next_trial`). When the steps of a subproblem hav
 
 and the penalty grows if the violation did not fall enough.
 
-What counts is feasibility. The first subproblem that ends near it is followed by a restoration: some iterations in which the
-costs' gradient is left out and their Hessian is kept, so that the lane goes to the feasible points that the costs' metric
-calls closest (as the restoration phases of filter methods: Fletcher and Leyffer 2002). If it does not arrive, the method goes
-on with costs and multipliers.
+What counts is feasibility. The first subproblem that ends near it is followed by a restoration: some iterations in
+which the costs' gradient is left out and their Hessian is kept, so that the lane goes to the feasible points that the
+costs' metric calls closest (as the restoration phases of filter methods: Fletcher and Leyffer 2002). If it does not
+arrive, the method goes on with costs and multipliers.
 
-Constraint rows come as a sequence of arrays, one for each kind; ``equalities`` says which kinds are equalities. Variables,
-steps and systems are trees of arrays that only the caller knows.
+Constraint rows come as a sequence of arrays, one for each kind; ``equalities`` says which kinds are equalities.
+Variables, steps and systems are trees of arrays that only the caller knows.
 """
 
 from __future__ import annotations
@@ -118,8 +119,8 @@ class Settings(NamedTuple):
     """A lane also stagnates when its least violation lies above a course: from this iteration on ..."""
 
     course_ratio: float = 60.0
-    """... the course falls, as a straight line in its logarithm, from this multiple of the tolerance to the tolerance at the
-    iteration limit."""
+    """... the course falls, as a straight line in its logarithm, from this multiple of the tolerance to the tolerance
+    at the iteration limit."""
 
 
 class SolverState(NamedTuple):
@@ -230,7 +231,9 @@ def update_multipliers(
         equalities: Which kinds are equalities.
     """
     updated = [y + p * value for y, value, p in zip(multipliers, rows, penalties, strict=True)]
-    return tuple(new if is_h else jnp.maximum(new, 0) for new, is_h in zip(updated, equalities, strict=True))
+    return tuple(
+        new if is_h else jnp.maximum(new, 0) for new, is_h in zip(updated, equalities, strict=True)
+    )
 
 
 def lagrangian_rows(
@@ -264,15 +267,23 @@ def lagrangian_rows(
 
 
 def _sum(value: Array) -> Array:
-    """Sum of all entries, as products with ones: XLA's CPU backend adds up one by one what a product adds up in parallel.
+    """Sum of all entries, as products with ones: XLA's CPU backend adds up one by one what a product adds up in
+    parallel.
 
-    Under `vmap` lanes become rows of one product, which may add up its last rows in another order: a lane's sum depends on
-    its place by a few units of the last digit, a millionth of what `judge_trial` lets pass.
+    Under `vmap` lanes become rows of one product, which may add up its last rows in another order: a lane's sum
+    depends on its place by a few units of the last digit, a millionth of what `judge_trial` lets pass.
     """
     value = materialize(value)
     while value.ndim:
         value = value @ jnp.ones(value.shape[-1], value.dtype)
     return value
+
+
+def _next_penalty(settings: Settings, state: SolverState, relative_violation: Array) -> Array:
+    """Penalty after a subproblem: it grows where the violation has not decreased by enough."""
+    is_slow = relative_violation > settings.sufficient_decrease * state.updated_violation
+    grown = jnp.minimum(state.penalty * settings.penalty_growth, settings.penalty_limit)
+    return jnp.where(is_slow, grown, state.penalty)
 
 
 def judge_trial(
@@ -314,10 +325,10 @@ def judge_trial(
 
     # The multiplier update takes the rows at hand: x has just become the trial point.
     updated = update_multipliers(state.multipliers, rows, penalties, equalities)
-    multipliers = tuple(jnp.where(ended, new, old) for new, old in zip(updated, state.multipliers, strict=True))
-    is_slow = relative_violation > settings.sufficient_decrease * state.updated_violation
-    grown = jnp.minimum(state.penalty * settings.penalty_growth, settings.penalty_limit)
-    penalty = jnp.where(ended & is_slow, grown, state.penalty)
+    multipliers = tuple(
+        jnp.where(ended, new, old) for new, old in zip(updated, state.multipliers, strict=True)
+    )
+    penalty = jnp.where(ended, _next_penalty(settings, state, relative_violation), state.penalty)
     progressed = relative_violation < 0.9 * state.best_violation
     without_progress = jnp.where(progressed, 0, state.updates_without_progress + 1)
 
@@ -391,7 +402,9 @@ def next_trial(
         (trial_point(state), update.value, system, report),
         (state.x, state.value, state.system, state.report),
     )
-    x, value, system, damping = materialize((x, value, system, _next_damping(settings, state, update, turned)))
+    x, value, system, damping = materialize(
+        (x, value, system, _next_damping(settings, state, update, turned))
+    )
     found = _find_step(settings, system, damping, solve)
 
     # From an indefinite system any trial point is accepted next; where nothing helps, x stays and multipliers move on.
@@ -408,7 +421,9 @@ def next_trial(
         value=value_after,
         system=system,
         report=report,
-        updated_violation=jnp.where(update.ended, update.relative_violation, state.updated_violation),
+        updated_violation=jnp.where(
+            update.ended, update.relative_violation, state.updated_violation
+        ),
         best_violation=best,
         inner_iterations=jnp.where(update.ended | turned, 0, state.inner_iterations + 1),
         updates_without_progress=update.updates_without_progress,
@@ -418,14 +433,18 @@ def next_trial(
     )
 
 
-def _next_damping(settings: Settings, state: SolverState, update: TrialUpdate, turned: Array) -> Array:
+def _next_damping(
+    settings: Settings, state: SolverState, update: TrialUpdate, turned: Array
+) -> Array:
     """A quarter after an accepted step, eight times as much after a refused one, anew where the restoration turns."""
     smaller = jnp.maximum(state.damping / 4, 1e-6)
     larger = jnp.maximum(state.damping, settings.damping_floor) * 8
     return jnp.where(turned, settings.damping, jnp.where(update.accepted, smaller, larger))
 
 
-def _find_step(settings: Settings, system: Any, damping: Array, solve: Callable[[Any, Array], Any]) -> _Step:
+def _find_step(
+    settings: Settings, system: Any, damping: Array, solve: Callable[[Any, Array], Any]
+) -> _Step:
     """Gauss-Newton step, scaled as a whole so that no variable changes by more than the limit."""
     step = materialize(solve(system, damping))
     length = _largest(step)
@@ -439,7 +458,11 @@ def _find_step(settings: Settings, system: Any, damping: Array, solve: Callable[
 
 
 def _next_status(
-    settings: Settings, state: SolverState, update: TrialUpdate, best_violation: Array, has_failed: Array
+    settings: Settings,
+    state: SolverState,
+    update: TrialUpdate,
+    best_violation: Array,
+    has_failed: Array,
 ) -> Array:
     """Status after this iteration; what comes later in this list wins."""
     iterations = state.iterations + 1

@@ -1,15 +1,15 @@
 """Linear solve with the structure of a path: block-banded in time, with a dense border of mode parameters.
 
-The matrix is that of `dvr_jax.nlp.system`. Two slices make a block of 2 D, so that each block is coupled with its neighbors
-only, by full matrices. A block Cholesky factorization runs along time under `lax.scan`,
+The matrix is that of `dvr_jax.nlp.system`. Two slices make a block of 2 D, so that each block is coupled with its
+neighbors only, by full matrices. A block Cholesky factorization runs along time under `lax.scan`,
 
     L_i L_i^T = own_i - C_{i-1}^T C_{i-1},        C_i = L_i^-1 ahead_i,
 
-and the border is eliminated by its Schur complement. Keyframes have no coupling in time: their slices are factorized side by
-side.
+and the border is eliminated by its Schur complement. Keyframes have no coupling in time: their slices are factorized
+side by side.
 
-Matrices that go to LAPACK are transposed, and its triangular solves are those from the right: LAPACK stores by columns what
-XLA stores by rows, so nothing is rearranged, and OpenBLAS is nearly twice as fast that way round.
+Matrices that go to LAPACK are transposed, and its triangular solves are those from the right: LAPACK stores by columns
+what XLA stores by rows, so nothing is rearranged, and OpenBLAS is nearly twice as fast that way round.
 """
 
 from __future__ import annotations
@@ -83,7 +83,9 @@ def solve_bordered(
     return _solve_coupled(system, A, right, damping, system.coupling, system.far_coupling)
 
 
-def _solve_uncoupled(system: BorderedSystem, A: Array, right: Array, damping: Array) -> tuple[Array, Array]:
+def _solve_uncoupled(
+    system: BorderedSystem, A: Array, right: Array, damping: Array
+) -> tuple[Array, Array]:
     """Slices that nothing couples in time, side by side."""
     inverse = _inverse_factor(A)
     reduced = inverse @ right

@@ -1,9 +1,9 @@
 """Collisions between the samples of a path.
 
-A motion must be free of collisions at all times, an NLP looks at some of them: a semi-infinite constraint, which an exchange
-method meets (Hettich and Kortanek, Semi-infinite programming, SIAM Review 35, 1993). A path is solved with `PATH_SAMPLES`
-samples an interval; where the motion through its solution penetrates at other times, samples move there, and the solver goes
-on from where it is.
+A motion must be free of collisions at all times, an NLP looks at some of them: a semi-infinite constraint, which an
+exchange method meets (Hettich and Kortanek, Semi-infinite programming, SIAM Review 35, 1993). A path is solved with
+`PATH_SAMPLES` samples an interval; where the motion through its solution penetrates at other times, samples move
+there, and the solver goes on from where it is.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from dvr_jax.solver.iteration import lay_out_chunks, measure_chunk
 from dvr_jax.workcell.model import WorkcellModel
 
 PATH_SAMPLES = 3
-"""Samples in the interval before each slice: one at the slice, one in either half of the interval. With the slices alone a
-finger hops over an object's edge between two of them."""
+"""Samples in the interval before each slice: one at the slice, one in either half of the interval. With the slices
+alone a finger hops over an object's edge between two of them."""
 
 SAMPLES_PER_SLICE = 10
 """Rate at which a motion is looked at, per slice of the path."""
@@ -44,7 +44,9 @@ class PenetrationSamples(NamedTuple):
 
 
 def place_samples(
-    problem: Problem, q: Float[np.ndarray, "slices joints"], fraction: Float[np.ndarray, "slices samples"]
+    problem: Problem,
+    q: Float[np.ndarray, "slices joints"],
+    fraction: Float[np.ndarray, "slices samples"],
 ) -> Problem:
     """A path's NLP with its samples on the motion through a point.
 
@@ -82,15 +84,18 @@ def even_fractions(slices: int, samples: int = PATH_SAMPLES) -> Float[np.ndarray
         ValueError: Whole passes of so many samples do not make up what `sample_penetration` looks at.
     """
     if (SAMPLES_PER_SLICE - 1) % samples:
-        raise ValueError(f"{samples} samples a slice; valid are divisors of {SAMPLES_PER_SLICE - 1}")
+        raise ValueError(
+            f"{samples} samples a slice; valid are divisors of {SAMPLES_PER_SLICE - 1}"
+        )
     return np.tile(np.arange(1, samples + 1) / samples, (slices, 1))
 
 
 def sample_penetration(model: WorkcellModel, problems: Problem, x: Variables) -> PenetrationSamples:
     """Look for penetrations between the samples of a batch of paths.
 
-    Looked at are the times 1/R, ..., (R - 1)/R of each interval, R = `SAMPLES_PER_SLICE`, and the middles of those gaps between
-    them whose ends are deepest, as many as a slice has samples: a finger can pass an object's edge within one gap.
+    Looked at are the times 1/R, ..., (R - 1)/R of each interval, R = `SAMPLES_PER_SLICE`, and the middles of those
+    gaps between them whose ends are deepest, as many as a slice has samples: a finger can pass an object's edge within
+    one gap.
 
     Args:
         model: Arms of the workcell.
@@ -105,10 +110,14 @@ def sample_penetration(model: WorkcellModel, problems: Problem, x: Variables) ->
 
     def look(fraction: Float[np.ndarray, "lanes slices samples"]) -> PenetrationSamples:
         """At as many times as the NLP has samples, so that the solver's compiled programs serve."""
-        offset = np.stack([_deviation(*lane) for lane in zip(home, q, curves, fraction, strict=True)])
+        offset = np.stack(
+            [_deviation(*lane) for lane in zip(home, q, curves, fraction, strict=True)]
+        )
         moved = problems._replace(sample_fraction=fraction, sample_offset=offset)
         geometries = [measure_chunk(model, chunk) for chunk in lay_out_chunks(moved, x)]
-        nearest = np.concatenate([np.asarray(geometry.distance).min(axis=1) for geometry in geometries])
+        nearest = np.concatenate(
+            [np.asarray(geometry.distance).min(axis=1) for geometry in geometries]
+        )
         return PenetrationSamples(fraction, -nearest[: B * T * M].reshape(B, T, M))
 
     passes = [look(np.tile(part, (B, T, 1))) for part in even.reshape(-1, M)]
@@ -132,8 +141,8 @@ def exchange_samples(
 ) -> Problem:
     """Move samples to where the motion penetrates.
 
-    All samples are placed on the motion through `q`; where the motion penetrates too deep within the part of an interval that
-    a sample stands for, the sample moves to the deepest place.
+    All samples are placed on the motion through `q`; where the motion penetrates too deep within the part of an
+    interval that a sample stands for, the sample moves to the deepest place.
 
     Args:
         problem: The NLP, without batch axes.

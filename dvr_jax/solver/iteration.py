@@ -1,8 +1,8 @@
 """One iteration of the augmented-Lagrangian method on many NLPs of the same shape at once, one lane each.
 
-Every lane carries a status; nothing is raised under jit, and a lane that has ended no longer changes. An iteration is two
-compiled programs: `measure_chunk` does the geometry, whose compilation is expensive, for chunks of few sizes, of slices of any
-problem with the same numbers of objects; `step` does the rest and is compiled for each horizon.
+Every lane carries a status; nothing is raised under jit, and a lane that has ended no longer changes. An iteration is
+two compiled programs: `measure_chunk` does the geometry, whose compilation is expensive, for chunks of few sizes, of
+slices of any problem with the same numbers of objects; `step` does the rest and is compiled for each horizon.
 """
 
 from __future__ import annotations
@@ -75,7 +75,9 @@ class ActiveCollisions(NamedTuple):
     """Penalty of each distance where it is active, else 0 (L, P)."""
 
 
-def initial_states(model: WorkcellModel, problems: Problem, x: Variables, settings: Settings) -> SolverState:
+def initial_states(
+    model: WorkcellModel, problems: Problem, x: Variables, settings: Settings
+) -> SolverState:
     """NumPy lanes of a batch of NLPs before their first iteration.
 
     Systems are placeholders: the first trial point is always accepted, and its system takes their place.
@@ -141,7 +143,8 @@ def cut_into_chunks(slices: Slices) -> tuple[Slices, ...]:
 
     padded = jax.tree.map(pad, slices)
     return tuple(
-        jax.tree.map(lambda value, first=first: value[..., first : first + size], padded) for first in range(0, L, size)
+        jax.tree.map(lambda value, first=first: value[..., first : first + size], padded)
+        for first in range(0, L, size)
     )
 
 
@@ -189,13 +192,17 @@ def evaluate_trials(
     """
     trial = trial_point(states)
     horizon = horizon_of(model, problems, trial)
-    evaluations = materialize(evaluate_constraints(model, problems, trial, _join_chunks(states, chunks)))
+    evaluations = materialize(
+        evaluate_constraints(model, problems, trial, _join_chunks(states, chunks))
+    )
     violations = violations_of(evaluations)
     rows = jax.vmap(flatten)({name: evaluation.rows for name, evaluation in evaluations.items()})
     costs = jax.vmap(cost)(problems, trial)
     scales = row_scales(horizon, trial.q.dtype)
 
-    def judge_lane(state: SolverState, cost: Array, rows: FlatResiduals, violation: Array) -> TrialUpdate:
+    def judge_lane(
+        state: SolverState, cost: Array, rows: FlatResiduals, violation: Array
+    ) -> TrialUpdate:
         return judge_trial(settings, state, cost, rows, scales, EQUALITIES, violation)
 
     update = jax.vmap(judge_lane)(states, costs, rows, relative_violation(violations))
@@ -313,7 +320,9 @@ def step(
             for chunk, collisions in zip(chunks, active, strict=True)
         )
     )
-    return advance(problems, settings, states, trials, reduced, horizon_of(model, problems, states.x))
+    return advance(
+        problems, settings, states, trials, reduced, horizon_of(model, problems, states.x)
+    )
 
 
 def iterate(
@@ -332,7 +341,9 @@ def iterate(
         states: The lanes.
         chunks: Slices of the trial points (`lay_out_chunks`).
     """
-    return step(model, problems, settings, states, tuple(measure_chunk(model, chunk) for chunk in chunks))
+    return step(
+        model, problems, settings, states, tuple(measure_chunk(model, chunk) for chunk in chunks)
+    )
 
 
 __all__ = [

@@ -1,7 +1,7 @@
 """Solving lists of NLPs: a pool of lanes that are iterated together and filled again as they end.
 
-The interface between search (lists of Python objects) and compiled code (stacked arrays). The result for one problem does not
-depend on what else is in the list, but for the last digits of the augmented Lagrangian's value.
+The interface between search (lists of Python objects) and compiled code (stacked arrays). The result for one problem
+does not depend on what else is in the list, but for the last digits of the augmented Lagrangian's value.
 """
 
 from __future__ import annotations
@@ -88,12 +88,15 @@ def stack(trees: Sequence[Any]) -> Any:
 
 @linear_algebra_on_one_thread()
 def solve(
-    model: WorkcellModel, problems: Sequence[Problem], starts: Sequence[Variables], settings: Settings
+    model: WorkcellModel,
+    problems: Sequence[Problem],
+    starts: Sequence[Variables],
+    settings: Settings,
 ) -> list[NlpSolution]:
     """Solve NLPs of one shape from one start each.
 
-    A path whose motion penetrates between its samples goes on with other samples (`dvr_jax.solver.continuous_collision`); of
-    one with samples at its slices alone nothing else is looked at.
+    A path whose motion penetrates between its samples goes on with other samples
+    (`dvr_jax.solver.continuous_collision`); of one with samples at its slices alone nothing else is looked at.
 
     Args:
         model: Arms of the workcell that all problems share.
@@ -115,8 +118,8 @@ def solve(
 class LanePool:
     """Lanes that solve a list of NLPs of one shape.
 
-    All lanes are iterated together by compiled programs. Lanes that have ended are filled again once `REFILL_FRACTION` of them
-    wait, so that slow ones hold nobody up.
+    All lanes are iterated together by compiled programs. Lanes that have ended are filled again once `REFILL_FRACTION`
+    of them wait, so that slow ones hold nobody up.
     """
 
     def __init__(self, model: WorkcellModel, tasks: Sequence[NlpTask], settings: Settings) -> None:
@@ -137,14 +140,20 @@ class LanePool:
         self._settings = jax.tree.map(_as_array, settings)
         self._waiting = list(range(len(tasks)))[::-1]
         self._solutions: dict[int, NlpSolution] = {}
-        self._lanes = [_LaneRecord(self._waiting.pop() if self._waiting else None) for _ in range(number)]
+        self._lanes = [
+            _LaneRecord(self._waiting.pop() if self._waiting else None) for _ in range(number)
+        ]
 
         # Idle lanes hold a copy of the first problem and never run.
         filled = [tasks[lane.task or 0] for lane in self._lanes]
         self._problems: Problem = stack([task.problem for task in filled])
-        self._states = initial_states(model, self._problems, stack([task.start for task in filled]), self._settings)
+        self._states = initial_states(
+            model, self._problems, stack([task.start for task in filled]), self._settings
+        )
         idle = [lane.task is None for lane in self._lanes]
-        self._states.status[:] = np.where(idle, int(SolverStatus.FEASIBLE), int(SolverStatus.RUNNING))
+        self._states.status[:] = np.where(
+            idle, int(SolverStatus.FEASIBLE), int(SolverStatus.RUNNING)
+        )
         self._on_device, self._settings = to_device((self._problems, self._settings))
         self._chunks = lay_out_chunks(self._on_device, self._states.x)
 
@@ -183,7 +192,9 @@ class LanePool:
         """
         status = np.asarray(self._states.status)
         unchecked = [
-            index for index in ended if status[index] == SolverStatus.FEASIBLE and not self._lanes[index].is_cleared
+            index
+            for index in ended
+            if status[index] == SolverStatus.FEASIBLE and not self._lanes[index].is_cleared
         ]
         if not unchecked:
             return ended
@@ -194,7 +205,9 @@ class LanePool:
         resumed = [index for index in unchecked if self._exchange(index, samples)]
         if resumed:
             moved = to_device((self._problems.sample_fraction, self._problems.sample_offset))
-            self._on_device = self._on_device._replace(sample_fraction=moved[0], sample_offset=moved[1])
+            self._on_device = self._on_device._replace(
+                sample_fraction=moved[0], sample_offset=moved[1]
+            )
             self._chunks = lay_out_chunks(self._on_device, _trial_points(self._states))
         return [index for index in ended if index not in resumed]
 
@@ -264,7 +277,12 @@ def _restart(states: SolverState, index: int, damping: float) -> None:
         step[index] = 0
     for value in (states.value, states.updated_violation, states.best_violation):
         value[index] = np.inf
-    for count in (states.inner_iterations, states.updates_without_progress, states.iterations, states.restoration):
+    for count in (
+        states.inner_iterations,
+        states.updates_without_progress,
+        states.iterations,
+        states.restoration,
+    ):
         count[index] = 0
     states.damping[index] = damping
     states.status[index] = SolverStatus.RUNNING

@@ -16,7 +16,10 @@ LARGEST_CHANGE = 1.0
 
 @Program
 def shift_gripper(
-    model: WorkcellModel, q: Float[Array, "lanes joints"], up: Bool[Array, " lanes"], distance: Float[Array, ""]
+    model: WorkcellModel,
+    q: Float[Array, "lanes joints"],
+    up: Bool[Array, " lanes"],
+    distance: Float[Array, ""],
 ) -> Float[Array, "lanes joints"]:
     """Joint angles of one arm each with the gripper moved straight up, or back along its approach.
 

@@ -1,12 +1,13 @@
 """Forward kinematics of all arms, their joint screws, and their collision capsules.
 
-Notation: J joints and C capsules an arm, A arms, L slices. Link frame i (1..J) moves with joints 0..i-1, link 0 is the
-base. With the constant rotation ``R_i`` and offset ``p_i`` of link i + 1 in link i, and ``Rot_z(q_i)`` the turn of joint i,
+There are A arms with J joints and C capsules each, and L slices. Link 0 is the base, and link frame i (1 to J) moves
+with joints 0 to i - 1. With the constant rotation ``R_i`` and offset ``p_i`` of link i + 1 in link i, and with the turn
+``Rot_z(q_i)`` of joint i,
 
     R_world_{i+1} = R_world_i R_i Rot_z(q_i),        p_world_{i+1} = p_world_i + R_world_i p_i.
 
-Poses (`dvr_jax.geometry.vectors`) have batch axes ``(A, L)``. All constants come as a `WorkcellModel`, which is read from
-the robot's MJCF, so simulation and optimizer cannot drift apart.
+Poses (`dvr_jax.geometry.vectors`) have batch axes ``(A, L)``. All constants come from a `WorkcellModel`, which is read
+from the robot's MJCF, so the simulation and the optimizer use the same numbers.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ class BasePoses(NamedTuple):
 
 
 class LinkPoses(NamedTuple):
-    """World poses of all link frames 0..J of all arms."""
+    """World poses of the link frames 0 to J of all arms."""
 
     rotations: tuple[Rotation, ...]
     """Rotations (3, 3, A, L), one for each link."""
@@ -41,8 +42,12 @@ class LinkPoses(NamedTuple):
     """Origins (3, A, L) [m], one for each link."""
 
 
-def link_poses(model: WorkcellModel, bases: BasePoses, q: Float[Array, "joints arms slices"]) -> LinkPoses:
-    """World poses of all link frames.
+def link_poses(
+    model: WorkcellModel,
+    bases: BasePoses,
+    q: Float[Array, "joints arms slices"],
+) -> LinkPoses:
+    """World poses of all link frames, by the recursion in the module's docstring.
 
     Args:
         model: Arms of the workcell.
@@ -63,13 +68,19 @@ def link_poses(model: WorkcellModel, bases: BasePoses, q: Float[Array, "joints a
         R, p = materialize((compose(R, turns[i]), p + rotate(R, offsets[i])))
         rotations.append(R)
         positions.append(p)
+
     return LinkPoses(tuple(rotations), tuple(positions))
 
 
 def _joint_rotations(model: WorkcellModel, q: Array) -> Float[Array, "joints 3 3 arms slices"]:
-    """Rotation of link frame i + 1 in link frame i: the constant one, then the joint's turn about z."""
+    """Rotation of link frame i + 1 in link frame i: the constant rotation, then the joint's turn about z.
+
+    With the columns x, y, z of the constant rotation, the product has the columns
+
+        cos(q) x + sin(q) y,        cos(q) y - sin(q) x,        z.
+    """
     R = jnp.asarray(model.link_rotations, q.dtype)
-    # Columns of the constant rotation, each (J, 3).
+    # Each column is (J, 3).
     x = R[:, :, 0]
     y = R[:, :, 1]
     z = R[:, :, 2]
@@ -85,7 +96,11 @@ def _joint_rotations(model: WorkcellModel, q: Array) -> Float[Array, "joints 3 3
 
 
 def joint_screws(links: LinkPoses) -> Float[Array, "6 arms joints slices"]:
-    """World twist of each joint at unit speed: its axis, then the velocity of the point at the world's origin."""
+    """World twist of each joint at unit speed.
+
+    Joint i turns about the z axis of link frame i + 1. With this axis a and the frame's origin o, the twist is the
+    angular velocity a, then the velocity ``o x a`` of the point at the world's origin.
+    """
     axis = materialize(jnp.stack([R[2] for R in links.rotations[1:]], axis=2))
     origin = materialize(jnp.stack(links.positions[1:], axis=2))
     return jnp.concatenate([axis, cross(origin, axis)])
@@ -96,10 +111,11 @@ def hand_pose(model: WorkcellModel, links: LinkPoses) -> tuple[Rotation, Vector]
 
     Args:
         model: Arms of the workcell.
-        links: Poses of their links.
+        links: Poses of the arms' links.
 
     Returns:
-        Axes (3, 3, A, L) of the hands (y closes, z approaches) and gripper centers (3, A, L) [m].
+        Axes (3, 3, A, L) of the hands and gripper centers (3, A, L) [m]. The fingers close along a hand's y axis, and
+        the hand approaches an object along its z axis.
     """
     R = links.rotations[-1]
     hand = jnp.asarray(model.hand_rotation, R.dtype)
@@ -109,13 +125,15 @@ def hand_pose(model: WorkcellModel, links: LinkPoses) -> tuple[Rotation, Vector]
 
 
 def capsule_segments(
-    model: WorkcellModel, links: LinkPoses, finger_opening: Float[Array, "arms slices"]
+    model: WorkcellModel,
+    links: LinkPoses,
+    finger_opening: Float[Array, "arms slices"],
 ) -> tuple[Float[Array, "3 arms capsules slices"], Float[Array, "3 arms capsules slices"]]:
     """World ends of the segments of all collision capsules.
 
     Args:
         model: Arms of the workcell.
-        links: Poses of their links.
+        links: Poses of the arms' links.
         finger_opening: Distance of each finger from its hand's middle plane [m].
 
     Returns:
@@ -126,9 +144,10 @@ def capsule_segments(
     p = materialize(jnp.stack([links.positions[link] for link in of_capsule], axis=2))
 
     def constant(value: Array) -> Array:
-        """(C, 3) to (3, 1, C, 1)."""
+        """A constant of each capsule with broadcast axes for arms and slices: (C, 3) to (3, 1, C, 1)."""
         return jnp.asarray(value, finger_opening.dtype).T[:, None, :, None]
 
+    # The capsules of the fingers slide as the gripper opens; the direction of all others is zero.
     slide = constant(model.finger_directions) * finger_opening[:, None]
     start = p + rotate(R, constant(model.capsule_starts) + slide)
     end = p + rotate(R, constant(model.capsule_ends) + slide)

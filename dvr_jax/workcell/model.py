@@ -1,9 +1,9 @@
 """A workcell's arms as data of compiled programs.
 
 What differs between two arms of the same make-up (link transforms, sizes of capsules, joint limits) are arrays; what
-decides the shape of a program (numbers of arms, joints and capsules, pairs that can meet) is its static structure, which
-JAX and the cache of compiled programs take as part of a program's key. Base poses are no part of the model: they belong
-to each problem, so that scenes with differently placed arms can share a batch.
+decides the shape of a program (numbers of arms, joints and capsules, pairs that can meet) is its static structure,
+which JAX and the cache of compiled programs take as part of a program's key. Base poses are no part of the model: they
+belong to each problem, so that scenes with differently placed arms can share a batch.
 """
 
 from __future__ import annotations
@@ -109,7 +109,9 @@ def workcell_model(workcell: Workcell) -> WorkcellModel:
 
 
 @lru_cache(maxsize=64)
-def _model_of(robot: Robot, number_of_arms: int, cross_pairs: tuple[tuple[int, int, Rectangle], ...]) -> WorkcellModel:
+def _model_of(
+    robot: Robot, number_of_arms: int, cross_pairs: tuple[tuple[int, int, Rectangle], ...]
+) -> WorkcellModel:
     capsules = robot.capsules
     structure = WorkcellStructure(
         number_of_arms=number_of_arms,

@@ -91,11 +91,33 @@ class Capsules:
     """Direction in the link frame in which a finger's capsule moves as the gripper opens; zero for all others."""
 
     def range_of(self, names: str) -> tuple[int, int]:
-        """Return the range (first, one past the last) of capsules that are named in a row, in their order."""
-        indices = [self.names.index(name) for name in names.split()]
-        if indices != list(range(indices[0], indices[0] + len(indices))):
-            raise DvrError(f"the capsules '{names}' are not consecutive; valid is a part of {' '.join(self.names)}.")
+        """Return the range (first, one past the last) of capsules that are named in a row, in their order.
+
+        Raises:
+            DvrError: There is no name, an unknown one, or the capsules are not consecutive.
+        """
+        indices = self.indices_of(names)
+        if not indices:
+            raise DvrError(
+                f"a list of capsules names no capsule; valid is a part of '{' '.join(self.names)}'."
+            )
+        if indices != tuple(range(indices[0], indices[0] + len(indices))):
+            listed = " ".join(names.split())
+            raise DvrError(
+                f"the capsules '{listed}' are not consecutive; valid is a part of '{' '.join(self.names)}'."
+            )
         return indices[0], indices[-1] + 1
+
+    def indices_of(self, names: str) -> tuple[int, ...]:
+        """Return the indices of capsules that are named in a row.
+
+        Raises:
+            DvrError: There is no capsule of one of the names.
+        """
+        for name in names.split():
+            if name not in self.names:
+                raise DvrError(f"there is no capsule '{name}'; valid are {', '.join(self.names)}.")
+        return tuple(self.names.index(name) for name in names.split())
 
 
 @dataclass(frozen=True)
@@ -118,7 +140,13 @@ class Robot:
     @cached_property
     def model(self) -> mujoco.MjModel:
         """The compiled MuJoCo model of one arm; not to be changed."""
-        return mujoco.MjModel.from_xml_string(self.mjcf)
+        try:
+            return mujoco.MjModel.from_xml_string(self.mjcf)
+        except ValueError as error:
+            reason = " ".join(str(error).split()).rstrip(".")
+            raise DvrError(
+                f"MuJoCo refuses the MJCF of the robot '{self.name}': {reason}."
+            ) from None
 
     @cached_property
     def number_of_joints(self) -> int:
@@ -128,27 +156,29 @@ class Robot:
     @cached_property
     def joint_limits(self) -> Float[np.ndarray, "2 joints"]:
         """Lower and upper joint limits [rad]."""
-        return np.stack([self.model.joint(f"joint{i + 1}").range for i in range(self.number_of_joints)], axis=1)
+        return np.stack(
+            [self._joint(f"joint{i + 1}").range for i in range(self.number_of_joints)], axis=1
+        )
 
     @cached_property
     def joint_velocity(self) -> Float[np.ndarray, " joints"]:
         """Largest joint velocities [rad/s]."""
-        return self._numbers("joint_velocity")
+        return self._numbers("joint_velocity", self.number_of_joints)
 
     @cached_property
     def joint_acceleration(self) -> Float[np.ndarray, " joints"]:
         """Largest joint accelerations [rad/s^2]."""
-        return self._numbers("joint_acceleration")
+        return self._numbers("joint_acceleration", self.number_of_joints)
 
     @cached_property
     def finger_speed(self) -> float:
         """Largest speed of one finger [m/s]."""
-        return float(self._numbers("finger_speed")[0])
+        return float(self._numbers("finger_speed", 1)[0])
 
     @cached_property
     def finger_travel(self) -> float:
         """Largest travel of one finger from closed to open [m]."""
-        return float(self.model.joint("finger_joint_left").range[1])
+        return float(self._joint("finger_joint_left").range[1])
 
     @property
     def maximum_opening(self) -> float:
@@ -158,28 +188,28 @@ class Robot:
     @cached_property
     def home(self) -> tuple[float, ...]:
         """The customary ready posture: joint angles [rad]."""
-        return tuple(float(angle) for angle in self._numbers("home"))
+        return tuple(float(angle) for angle in self._numbers("home", self.number_of_joints))
 
     @cached_property
     def tucked(self) -> tuple[float, ...]:
         """A posture that keeps the arm out of the way of another one: joint angles [rad]."""
-        return tuple(float(angle) for angle in self._numbers("tucked"))
+        return tuple(float(angle) for angle in self._numbers("tucked", self.number_of_joints))
 
     @cached_property
     def base_foot(self) -> BaseFoot:
         """The area of the table that the base covers."""
-        radius, length, width = self._numbers("base_foot")
+        radius, length, width = self._numbers("base_foot", 3)
         return BaseFoot(float(radius), float(length), float(width))
 
     @cached_property
     def link_rotations(self) -> Float[np.ndarray, "joints 3 3"]:
         """Rotation of link frame i + 1 in link frame i at joint angle zero."""
-        return np.stack([_rotation_matrix(self.model.body(name).quat) for name in self._link_names[1:]])
+        return np.stack([_rotation_matrix(self._body(name).quat) for name in self._link_names[1:]])
 
     @cached_property
     def link_offsets(self) -> Float[np.ndarray, "joints 3"]:
         """Origin of link frame i + 1 in link frame i [m]."""
-        return np.stack([self.model.body(name).pos for name in self._link_names[1:]])
+        return np.stack([self._body(name).pos for name in self._link_names[1:]])
 
     @cached_property
     def hand_rotation(self) -> Float[np.ndarray, "3 3"]:
@@ -190,7 +220,7 @@ class Robot:
     def gripper_center(self) -> Float[np.ndarray, " 3"]:
         """Point between the finger tips, in the last link's frame [m]."""
         _, rotation, position = self._pose_in_link("hand")
-        return position + rotation @ self.model.site("gripper").pos
+        return position + rotation @ self._site("gripper").pos
 
     @cached_property
     def capsules(self) -> Capsules:
@@ -203,7 +233,9 @@ class Robot:
         directions: list[np.ndarray] = []
         for geom in colliding:
             if geom.type[0] != mujoco.mjtGeom.mjGEOM_CAPSULE:
-                raise DvrError(f"the geom '{geom.name}' of the robot '{self.name}' is no capsule; valid are capsules.")
+                raise DvrError(
+                    f"the geom '{geom.name}' of the robot '{self.name}' is no capsule; valid are capsules."
+                )
             body = self.model.body(geom.bodyid[0]).name
             link, rotation, position = self._pose_in_link(body)
             center = rotation @ geom.pos + position
@@ -225,7 +257,7 @@ class Robot:
     @cached_property
     def holding_capsules(self) -> tuple[int, ...]:
         """Capsules that touch what the hand holds."""
-        return tuple(self.capsules.names.index(name) for name in self._text("holding").split())
+        return self.capsules.indices_of(self._text("holding"))
 
     @cached_property
     def table_capsules(self) -> tuple[int, int]:
@@ -237,7 +269,15 @@ class Robot:
         """Pairs of capsules of one arm that can meet within the joint limits."""
         rectangles = []
         for line in self._text("self_collision").split(";"):
-            near, far = line.split(":")
+            near, colon, far = line.partition(":")
+            if not colon and not line.strip():
+                continue
+            if not colon:
+                listed = " ".join(line.split())
+                raise DvrError(
+                    f"the <text name=\"self_collision\"> of the robot '{self.name}' says '{listed}'; "
+                    "valid is 'these : with these'."
+                )
             rectangles.append((self.capsules.range_of(near), self.capsules.range_of(far)))
         return tuple(rectangles)
 
@@ -256,7 +296,12 @@ class Robot:
         for c, link in enumerate(capsules.links):
             slide = self.finger_travel * capsules.finger_directions[c]
             points = np.stack(
-                [capsules.starts[c], capsules.ends[c], capsules.starts[c] + slide, capsules.ends[c] + slide]
+                [
+                    capsules.starts[c],
+                    capsules.ends[c],
+                    capsules.starts[c] + slide,
+                    capsules.ends[c] + slide,
+                ]
             )
             own = points[:, :2] if link == 0 else points
             bounds.append(reach[link] + np.linalg.norm(own, axis=1).max() + capsules.radii[c])
@@ -266,18 +311,49 @@ class Robot:
     def _link_names(self) -> list[str]:
         return ["base", *(f"link{i + 1}" for i in range(self.number_of_joints))]
 
-    def _numbers(self, name: str) -> Float[np.ndarray, " n"]:
-        """Values of a ``<numeric>`` of the MJCF."""
+    def _body(self, name: str) -> Any:
+        """MuJoCo's view of a body."""
+        return self._view("body", self.model.body, name)
+
+    def _joint(self, name: str) -> Any:
+        """MuJoCo's view of a joint."""
+        return self._view("joint", self.model.joint, name)
+
+    def _site(self, name: str) -> Any:
+        """MuJoCo's view of a site."""
+        return self._view("site", self.model.site, name)
+
+    def _view(self, kind: str, look_up: Callable[[str], Any], name: str) -> Any:
+        try:
+            return look_up(name)
+        except KeyError:
+            raise DvrError(
+                f"the MJCF of the robot '{self.name}' lacks the {kind} '{name}'; "
+                "the names that it must have are listed in dvr_jax/workcell/robot.py."
+            ) from None
+
+    def _numbers(self, name: str, count: int) -> Float[np.ndarray, " count"]:
+        """Values of a ``<numeric>`` of the MJCF, which are so many."""
         index = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_NUMERIC, name)
         if index < 0:
-            raise DvrError(f"the MJCF of the robot '{self.name}' lacks the <numeric name=\"{name}\"> under <custom>.")
-        return np.array(self.model.numeric(index).data)
+            raise DvrError(
+                f"the MJCF of the robot '{self.name}' lacks the <numeric name=\"{name}\"> under <custom>."
+            )
+        values = np.array(self.model.numeric(index).data)
+        if len(values) != count:
+            raise DvrError(
+                f"the <numeric name=\"{name}\"> of the robot '{self.name}' has {len(values)} numbers; "
+                f"valid are {count}."
+            )
+        return values
 
     def _text(self, name: str) -> str:
         """Value of a ``<text>`` of the MJCF."""
         index = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_TEXT, name)
         if index < 0:
-            raise DvrError(f"the MJCF of the robot '{self.name}' lacks the <text name=\"{name}\"> under <custom>.")
+            raise DvrError(
+                f"the MJCF of the robot '{self.name}' lacks the <text name=\"{name}\"> under <custom>."
+            )
         first = int(self.model.text_adr[index])
         size = int(self.model.text_size[index])
         return bytes(self.model.text_data[first : first + size]).decode().rstrip("\0")
@@ -288,12 +364,14 @@ class Robot:
         slides = joint >= 0 and self.model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE
         return np.array(self.model.jnt_axis[joint]) if slides else np.zeros(3)
 
-    def _pose_in_link(self, body: str) -> tuple[int, Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"]]:
+    def _pose_in_link(
+        self, body: str
+    ) -> tuple[int, Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"]]:
         """Link that a body is welded to or slides on, and the body's rotation and position in its frame."""
         rotation = np.eye(3)
         position = np.zeros(3)
         while body not in self._link_names:
-            record = self.model.body(body)
+            record = self._body(body)
             own = _rotation_matrix(record.quat)
             rotation = own @ rotation
             position = own @ position + record.pos

@@ -13,7 +13,7 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Float
 
-from dvr_jax.errors import DvrError
+from dvr_jax.errors import DvrError, OptionError
 from dvr_jax.geometry import footprint as footprints
 from dvr_jax.workcell.panda import PANDA
 from dvr_jax.workcell.robot import Rectangle, Robot
@@ -184,3 +184,14 @@ WORKCELLS: dict[str, Workcell] = {
     "single": SINGLE_ARM_WORKCELL,
 }
 """Workcells by the names that commands use."""
+
+
+def named_workcell(name: str) -> Workcell:
+    """Return a workcell by the name that commands use.
+
+    Raises:
+        OptionError: There is no workcell of this name.
+    """
+    if name not in WORKCELLS:
+        raise OptionError(f"there is no workcell {name!r}; valid: {', '.join(WORKCELLS)}.")
+    return WORKCELLS[name]

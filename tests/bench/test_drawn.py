@@ -29,13 +29,18 @@ def nearest(scene: Scene, group: int) -> float:
     mujoco.mj_kinematics(model, data)
     link, post = model.body("left/link5").id, model.body("object/post").geomadr[0]
     geoms = np.flatnonzero((model.geom_group == group) & (model.geom_bodyid == link))
-    return min(mujoco.mj_geomDistance(model, data, int(geom), int(post), 1.0, np.zeros(6)) for geom in geoms)
+    return min(
+        mujoco.mj_geomDistance(model, data, int(geom), int(post), 1.0, np.zeros(6))
+        for geom in geoms
+    )
 
 
 def test_a_post_in_a_drawn_housing_is_found() -> None:
     scene = scene_with_post(0.098)
     depths = drawn_penetrations(scene, at_home(scene))
-    assert depths == {("left/link5", "object/post"): pytest.approx(-nearest(scene, LOOKS_GROUP), abs=1e-6)}
+    assert depths == {
+        ("left/link5", "object/post"): pytest.approx(-nearest(scene, LOOKS_GROUP), abs=1e-6)
+    }
     assert depths["left/link5", "object/post"] > 0.01
 
 

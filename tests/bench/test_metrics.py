@@ -45,5 +45,11 @@ def test_table_one_is_the_papers(tmp_path: Path, capsys: pytest.CaptureFixture[s
 
 def test_recall_is_of_what_the_oracle_finds() -> None:
     counts = count_pairs([(True, True), (True, False), (False, True), (False, False)])
-    assert (counts.problems, counts.oracle, counts.ours, counts.both, counts.recall) == (4, 2, 2, 1, 0.5)
+    assert (counts.problems, counts.oracle, counts.ours, counts.both, counts.recall) == (
+        4,
+        2,
+        2,
+        1,
+        0.5,
+    )
     assert count_pairs([(False, True)]).recall is None

@@ -14,7 +14,12 @@ def side(feasible: bool, seconds: float, passed: bool = False, **measure: float)
 
 
 def problem(ours: dict[str, Any], theirs: dict[str, Any], paths: dict[str, Any]) -> dict[str, Any]:
-    return {"length": 2, "source": "found", "keyframes": {"ours": ours, "robotic": theirs}, "path": paths}
+    return {
+        "length": 2,
+        "source": "found",
+        "keyframes": {"ours": ours, "robotic": theirs},
+        "path": paths,
+    }
 
 
 def test_medians_are_of_problems_on_which_both_agree(capsys: pytest.CaptureFixture[str]) -> None:
@@ -29,12 +34,19 @@ def test_medians_are_of_problems_on_which_both_agree(capsys: pytest.CaptureFixtu
     ]
     print_tables(rows)
     tables = capsys.readouterr().out.split("\n\n")[1:]
-    assert [table.splitlines()[0] for table in tables] == [comparison.title for comparison in COMPARISONS]
+    assert [table.splitlines()[0] for table in tables] == [
+        comparison.title for comparison in COMPARISONS
+    ]
     last = [table.splitlines()[-1].split() for table in tables]
     assert all(line[0] == "all" for line in last)
     cells = [[cell.split() for cell in " ".join(line[1:]).split("|")] for line in last]
     # Number, feasible for both, ours only, robotic's only, neither; medians [ms] and their ratio.
-    assert cells[0] == [["5", "3", "1", "0", "1"], ["4", "40", "10.0"], ["500", "1000", "2.0"], ["1", "of", "3"]]
+    assert cells[0] == [
+        ["5", "3", "1", "0", "1"],
+        ["4", "40", "10.0"],
+        ["500", "1000", "2.0"],
+        ["1", "of", "3"],
+    ]
     assert cells[1][:2] == [["1", "1", "0", "0", "0"], ["10", "200", "20.0"]]
     assert cells[1][3:] == [["1", "0", "of", "1"], ["0", "of", "1"], ["0", "of", "1"]]
     assert cells[2][1] == ["20", "200", "10.0"] and cells[2][4] == ["1", "of", "1"]

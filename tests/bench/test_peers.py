@@ -5,6 +5,7 @@ import importlib
 import mujoco
 import numpy as np
 import pytest
+from dvr_jax.workcell.constants import ARM_NAMES
 
 from dvr_jax.bench.peer_judging import judge_point
 from dvr_jax.bench.peers import PeersOptions, draw_sequence, run
@@ -20,7 +21,6 @@ from dvr_jax.scene.validation import make_scene
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import run_alone
 from dvr_jax.seeds.initial_paths import STEPS_PER_PHASE
-from dvr_jax.workcell.constants import ARM_NAMES
 
 try:
     load_robotic()
@@ -72,7 +72,12 @@ def test_an_easy_problem_is_feasible_in_both(scene: Scene) -> None:
     peer = build_peer_scene(scene)
     keyframes = solve_peer(peer, build_keyframes(peer, EASY), seed=0)
     assert keyframes.feasible
-    assert judge_point(transcribe(scene, EASY), to_variables(transcribe(scene, EASY), EASY, keyframes))["ratio"] <= 1
+    assert (
+        judge_point(
+            transcribe(scene, EASY), to_variables(transcribe(scene, EASY), EASY, keyframes)
+        )["ratio"]
+        <= 1
+    )
     path = solve_peer(peer, build_path(peer, EASY, keyframes, STEPS_PER_PHASE), seed=0)
     assert path.feasible
     assert path.q.shape == (2 * STEPS_PER_PHASE, 14)

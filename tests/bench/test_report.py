@@ -18,7 +18,9 @@ from dvr_jax.errors import DvrError
 REPOSITORY = Path(dvr_jax.__file__).parents[1]
 
 
-def planned(scene: int, length: int, total: float, proposed: int = 1, paths: int = 1) -> dict[str, Any]:
+def planned(
+    scene: int, length: int, total: float, proposed: int = 1, paths: int = 1
+) -> dict[str, Any]:
     """A row of a planned scene; of length 0 it is unsolved."""
     return {
         "scene": scene,
@@ -32,12 +34,21 @@ def planned(scene: int, length: int, total: float, proposed: int = 1, paths: int
     }
 
 
-def write_rows(repository: Path, name: str, rows: list[dict[str, Any]], version: str = "1.2", **options: Any) -> None:
+def write_rows(
+    repository: Path, name: str, rows: list[dict[str, Any]], version: str = "1.2", **options: Any
+) -> None:
     """A results file as the benchmarks write it."""
     path = repository / "bench/results" / name
     path.parent.mkdir(parents=True, exist_ok=True)
     header = {
-        "options": {"objects": 2, "shape": "box", "seed": 2, "search": "dvr", "time_limit": 60.0, **options},
+        "options": {
+            "objects": 2,
+            "shape": "box",
+            "seed": 2,
+            "search": "dvr",
+            "time_limit": 60.0,
+            **options,
+        },
         "machine": "Abacus",
         "cores": 3,
         "versions": {"dvr_jax": version},
@@ -51,7 +62,12 @@ def repository(tmp_path: Path) -> Path:
     write_rows(
         tmp_path,
         "search/dvr.jsonl",
-        [planned(0, 2, 0.1), planned(1, 2, 0.3, proposed=5), planned(2, 4, 2.0, paths=3), planned(3, 0, 9.0)],
+        [
+            planned(0, 2, 0.1),
+            planned(1, 2, 0.3, proposed=5),
+            planned(2, 4, 2.0, paths=3),
+            planned(3, 0, 9.0),
+        ],
     )
     write_rows(
         tmp_path,
@@ -66,8 +82,17 @@ def repository(tmp_path: Path) -> Path:
         [planned(0, 2, 0.2), planned(1, 3, 0.4), planned(2, 4, 250.0), planned(3, 0, 12.34)],
         search="mbts",
     )
-    write_rows(tmp_path, "dvr_one_box.jsonl", [planned(0, 2, 0.1), planned(1, 0, 1.0)], objects=1, seed=1)
-    write_rows(tmp_path, "mbts_cylinders.jsonl", [planned(0, 2, 0.1)], "1.3", shape="cylinder", search="mbts")
+    write_rows(
+        tmp_path, "dvr_one_box.jsonl", [planned(0, 2, 0.1), planned(1, 0, 1.0)], objects=1, seed=1
+    )
+    write_rows(
+        tmp_path,
+        "mbts_cylinders.jsonl",
+        [planned(0, 2, 0.1)],
+        "1.3",
+        shape="cylinder",
+        search="mbts",
+    )
     return tmp_path
 
 
@@ -79,18 +104,39 @@ def cells(text: str, title: str) -> list[str]:
 
 def test_the_headline_is_beside_the_paper(repository: Path) -> None:
     text = FIGURES["headline"](CommittedResults(repository))
-    assert cells(text, "seconds from image to checked motion (median)") == ["0.200", "–", "2.00", "–", "–"]
+    assert cells(text, "seconds from image to checked motion (median)") == [
+        "0.200",
+        "–",
+        "2.00",
+        "–",
+        "–",
+    ]
     assert cells(text, "path NLPs solved (median)") == ["1", "–", "3", "–", "–"]
-    assert cells(text, "speed-up over multi-bound tree search (median)") == ["2.0", "–", "125", "–", "–"]
+    assert cells(text, "speed-up over multi-bound tree search (median)") == [
+        "2.0",
+        "–",
+        "125",
+        "–",
+        "–",
+    ]
     assert "| … in the paper | – | – | 46 | 100 | 705 |" in text
-    assert "solved: 3 of 3 (paper: 2,702 of 2,705). Measured with version 1.2 (Abacus, 3 cores)." in text
+    assert (
+        "solved: 3 of 3 (paper: 2,702 of 2,705). Measured with version 1.2 (Abacus, 3 cores)."
+        in text
+    )
 
 
 def test_the_table_of_searches_counts_proposals(repository: Path) -> None:
     text = FIGURES["search-table"](CommittedResults(repository))
     assert cells(text, "network: scenes") == ["2", "–", "1", "–", "–"]
     assert cells(text, "network: sequences proposed, mean") == ["3.00", "–", "1.00", "–", "–"]
-    assert cells(text, "network: the first sequence proposed is right") == ["50 %", "–", "100 %", "–", "–"]
+    assert cells(text, "network: the first sequence proposed is right") == [
+        "50 %",
+        "–",
+        "100 %",
+        "–",
+        "–",
+    ]
     assert cells(text, "multi-bound tree search: scenes") == ["1", "1", "1", "–", "–"]
 
 
@@ -99,7 +145,9 @@ def test_the_summary_names_longer_plans_and_unsolved_scenes(repository: Path) ->
     assert "4 scenes of 2 boxes (seed 2), 60 s each." in text
     assert "the network takes 5.0 %, the depth image 10.0 %" in text
     assert "Of the 3 scenes that both solve" in text and "tree search in 0, fewer in 1." in text
-    assert "9.00 s by the network, 9.50 s by the classifier, 12.3 s by multi-bound tree search" in text
+    assert (
+        "9.00 s by the network, 9.50 s by the classifier, 12.3 s by multi-bound tree search" in text
+    )
 
 
 def test_scenes_name_the_version_where_there_are_several(repository: Path) -> None:
@@ -148,15 +196,22 @@ def test_labels_are_weighted_by_their_number(repository: Path) -> None:
     path.write_text(json.dumps({**json.loads(header), **totals}) + "\n" + "".join(lines))
     text = FIGURES["labels"](CommittedResults(repository))
     assert cells(text, "infeasible by pose") == ["1 of 1", "100.0 %", "999"]
-    assert "that the starts miss: 1; for 1 of them" in text and "99.90 % of the infeasible ones hold" in text
+    assert (
+        "that the starts miss: 1; for 1 of them" in text
+        and "99.90 % of the infeasible ones hold" in text
+    )
 
 
-def test_figures_are_written_between_their_markers(repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_figures_are_written_between_their_markers(
+    repository: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     readme = repository / "README.md"
     page = repository / "docs/deep/page.md"
     page.parent.mkdir(parents=True)
     inline = "It solves <!-- figures: solved -->old<!-- end figures --> scenes."
-    readme.write_text(f"# Title\n\n{inline}\n\n<!-- figures: headline -->\n<!-- end figures -->\n\nEnd.\n")
+    readme.write_text(
+        f"# Title\n\n{inline}\n\n<!-- figures: headline -->\n<!-- end figures -->\n\nEnd.\n"
+    )
     page.write_text("<!-- figures: speed -->\nkept\n<!-- end figures -->\n")
     before = readme.read_text()
     arguments = ["--repository", str(repository)]
@@ -170,7 +225,9 @@ def test_figures_are_written_between_their_markers(repository: Path, capsys: pyt
     assert report.run(arguments) == 0
     written = readme.read_text()
     assert "It solves <!-- figures: solved -->3 of 3<!-- end figures --> scenes." in written
-    assert "<!-- figures: headline -->\n\n| actions of the plan |" in written and written.endswith("\n\nEnd.\n")
+    assert "<!-- figures: headline -->\n\n| actions of the plan |" in written and written.endswith(
+        "\n\nEnd.\n"
+    )
     assert "*No figures: bench/results/speed.json is missing.*" in page.read_text()
 
     # Once written, nothing changes any more.
@@ -195,7 +252,9 @@ def test_a_folder_without_results_is_refused(tmp_path: Path) -> None:
         report.run(["--repository", str(tmp_path)])
 
 
-@pytest.mark.skipif(not (REPOSITORY / "bench/results").is_dir(), reason="the package is installed without results")
+@pytest.mark.skipif(
+    not (REPOSITORY / "bench/results").is_dir(), reason="the package is installed without results"
+)
 class TestThisRepository:
     """The committed documents and results."""
 
@@ -214,7 +273,12 @@ class TestThisRepository:
         outdated = []
         for path in documents:
             text = path.read_text(encoding="utf-8")
-            if report.fill_figures(text, CommittedResults(REPOSITORY), path.name, skip_missing=True) != text:
+            if (
+                report.fill_figures(
+                    text, CommittedResults(REPOSITORY), path.name, skip_missing=True
+                )
+                != text
+            ):
                 outdated.append(str(path.relative_to(REPOSITORY)))
         assert outdated == [], "python -m dvr_jax.bench report writes their figures"
 

@@ -9,7 +9,9 @@ from dvr_jax.scene.types import SceneObject
 @pytest.fixture(scope="session")
 def carry() -> Case:
     """A box is carried onto the goal."""
-    return carry_to_goal(SceneObject("yellow", "box", (0.05, 0.08, 0.10), (-0.20, 0.20), 0.3), 0.025)
+    return carry_to_goal(
+        SceneObject("yellow", "box", (0.05, 0.08, 0.10), (-0.20, 0.20), 0.3), 0.025
+    )
 
 
 @pytest.fixture(scope="session")
@@ -21,7 +23,9 @@ def carry_cylinder() -> Case:
 @pytest.fixture(scope="session")
 def carry_beside() -> Case:
     """The same, grasped 1 cm beside the cylinder's axis."""
-    return carry_to_goal(SceneObject("tin", "cylinder", (0.03, 0.10), (-0.20, 0.20), 0.3), 0.03, offset=0.01)
+    return carry_to_goal(
+        SceneObject("tin", "cylinder", (0.03, 0.10), (-0.20, 0.20), 0.3), 0.03, offset=0.01
+    )
 
 
 @pytest.fixture(scope="session")

@@ -162,14 +162,23 @@ def carry_to_goal(item: SceneObject, half_width: float, offset: float = 0.0) -> 
     puppet.release(0)
     puppet.fingers(0, OPEN)
     puppet.reach(0, turned, np.array([-0.15, -0.20, 0.17]))
-    actions = (Action("grasp", ("left", "+x", item.name)), Action("place", ("left", item.name, "goal")))
+    actions = (
+        Action("grasp", ("left", "+x", item.name)),
+        Action("place", ("left", item.name, "goal")),
+    )
     return Case(scene, actions, puppet.motion())
 
 
 def carry_in_workcell(workcell: Workcell, arm: int, fixed: tuple[FixedBody, ...] = ()) -> Case:
     """An arm of any workcell carries a box from its left to its right; `fixed`: in the frame of the arm's base."""
     base = workcell.arms[arm]
-    turn = np.array([[np.cos(base.yaw), -np.sin(base.yaw), 0], [np.sin(base.yaw), np.cos(base.yaw), 0], [0, 0, 1]])
+    turn = np.array(
+        [
+            [np.cos(base.yaw), -np.sin(base.yaw), 0],
+            [np.sin(base.yaw), np.cos(base.yaw), 0],
+            [0, 0, 1],
+        ]
+    )
 
     def world(x: float, y: float, z: float = 0.0) -> Floats:
         return np.array([*base.position, 0.0]) + turn @ [x, y, z]
@@ -181,9 +190,12 @@ def carry_in_workcell(workcell: Workcell, arm: int, fixed: tuple[FixedBody, ...]
     end = world(0.55, -0.20)
     box = SceneObject("yellow", "box", (0.05, 0.08, 0.10), flat(start), base.yaw)
     placed = tuple(
-        replace(body, position=tuple(world(*body.position).tolist()), yaw=body.yaw + base.yaw) for body in fixed
+        replace(body, position=tuple(world(*body.position).tolist()), yaw=body.yaw + base.yaw)
+        for body in fixed
     )
-    scene = Scene((box,), OnRegion("yellow", Region(flat(end), base.yaw, (0.14, 0.14))), workcell, placed)
+    scene = Scene(
+        (box,), OnRegion("yellow", Region(flat(end), base.yaw, (0.14, 0.14))), workcell, placed
+    )
     puppet = Puppet(scene)
     above = hand(tuple(turn[:, 0]), (0.0, 0.0, -1.0))
 
@@ -200,7 +212,10 @@ def carry_in_workcell(workcell: Workcell, arm: int, fixed: tuple[FixedBody, ...]
     puppet.release(0)
     puppet.fingers(arm, OPEN)
     puppet.reach(arm, above, at(end, 0.20))
-    actions = (Action("grasp", (base.name, "+x", "yellow")), Action("place", (base.name, "yellow", "goal")))
+    actions = (
+        Action("grasp", (base.name, "+x", "yellow")),
+        Action("place", (base.name, "yellow", "goal")),
+    )
     return Case(scene, actions, puppet.motion())
 
 

@@ -48,7 +48,10 @@ def crowded_states(number: int, seed: int) -> Floats:
         for n, columns in enumerate(layout.objects):
             around = hand if n % 2 == 0 else data.xpos[model.body("left/link6").id]
             turn = generator.normal(size=4) if n else np.array([1.0, 0.0, 0.0, generator.normal()])
-            qpos[columns] = [*(around + generator.uniform(-0.12, 0.12, 3)), *(turn / np.linalg.norm(turn))]
+            qpos[columns] = [
+                *(around + generator.uniform(-0.12, 0.12, 3)),
+                *(turn / np.linalg.norm(turn)),
+            ]
     return states
 
 
@@ -58,8 +61,15 @@ def independent_pairs(model: mujoco.MjModel) -> list[tuple[int, int]]:
     fixed = model.body_weldid[model.geom_bodyid] == 0
     name = {geom: model.body(model.geom_bodyid[geom]).name for geom in solid.tolist()}
     # An object's body is named after the object, an arm's links after the arm.
-    mover = {geom: body if body.startswith("object/") else body.split("/")[0] for geom, body in name.items()}
-    return [(a, b) for a, b in combinations(mover, 2) if mover[a] != mover[b] and not (fixed[a] and fixed[b])]
+    mover = {
+        geom: body if body.startswith("object/") else body.split("/")[0]
+        for geom, body in name.items()
+    }
+    return [
+        (a, b)
+        for a, b in combinations(mover, 2)
+        if mover[a] != mover[b] and not (fixed[a] and fixed[b])
+    ]
 
 
 def distances(model: mujoco.MjModel, qpos: Floats, farthest: float) -> dict[tuple[int, int], float]:
@@ -67,7 +77,10 @@ def distances(model: mujoco.MjModel, qpos: Floats, farthest: float) -> dict[tupl
     data = mujoco.MjData(model)
     data.qpos[:] = qpos
     mujoco.mj_kinematics(model, data)
-    return {pair: mujoco.mj_geomDistance(model, data, *pair, farthest, None) for pair in independent_pairs(model)}
+    return {
+        pair: mujoco.mj_geomDistance(model, data, *pair, farthest, None)
+        for pair in independent_pairs(model)
+    }
 
 
 def case_states(name: str, request: pytest.FixtureRequest) -> tuple[Scene, Floats]:
@@ -78,7 +91,9 @@ def case_states(name: str, request: pytest.FixtureRequest) -> tuple[Scene, Float
 
 
 @pytest.mark.parametrize("name", ["carry", "handover", "crowded"])
-def test_what_is_nearer_than_its_margins_is_found(name: str, request: pytest.FixtureRequest) -> None:
+def test_what_is_nearer_than_its_margins_is_found(
+    name: str, request: pytest.FixtureRequest
+) -> None:
     scene, states = case_states(name, request)
     model = copy.copy(build_model(scene))
     margins = np.random.default_rng(0).uniform(0.0, 0.03, (len(states), model.ngeom))
@@ -143,7 +158,9 @@ def geom_poses(model: mujoco.MjModel, states: Floats) -> GeomPoses:
     return GeomPoses(np.array(positions), np.array(rotations))
 
 
-def test_what_moves_together_is_not_looked_at_in_between(carry: Case, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_moves_together_is_not_looked_at_in_between(
+    carry: Case, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The arm's links and what it carries, twice as fast."""
     looked: list[int] = []
 

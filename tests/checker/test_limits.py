@@ -40,7 +40,9 @@ Probe = tuple[str, str, tuple[str, ...], Callable[[Case, float], Case]]
 PROBES: dict[str, Probe] = {}
 
 
-def moved(samples: Callable[[Case], object], column: int, by: float, layout=TWO) -> Callable[[Case, float], Case]:
+def moved(
+    samples: Callable[[Case], object], column: int, by: float, layout=TWO
+) -> Callable[[Case, float], Case]:
     """The same column of some states changed by a multiple of `by`."""
 
     def change(case: Case, factor: float) -> Case:
@@ -104,7 +106,12 @@ def before_switch(number: int) -> Callable[[Case], int]:
 
 X, Y, Z = np.eye(3)
 
-PROBES["penetration"] = ("carry", "penetration", ("object/can", "table"), moved(everywhere, CAN[2], -3e-3))
+PROBES["penetration"] = (
+    "carry",
+    "penetration",
+    ("object/can", "table"),
+    moved(everywhere, CAN[2], -3e-3),
+)
 
 
 def to_limit(joint: int, bound: float, beyond: float) -> Callable[[Case, float], Case]:
@@ -125,7 +132,9 @@ def rest(joint: int, at_end: bool) -> Callable[[Case, float], Case]:
         def go(qpos: Floats) -> None:
             number = 40
             speeds = np.zeros(len(qpos))
-            speeds[1 : 1 + number] = factor * ACCELERATION[joint] * STEP * (1 - np.arange(number) / number)
+            speeds[1 : 1 + number] = (
+                factor * ACCELERATION[joint] * STEP * (1 - np.arange(number) / number)
+            )
             way = np.cumsum(speeds) * STEP
             # The end's way comes from where it leads to, so that the posture at the start stays.
             qpos[:, TWO.arm_joints[1, joint]] += way[-1] - way[::-1] if at_end else way
@@ -154,7 +163,9 @@ for arm, arm_name in enumerate(("left", "right")):
         travels = (("open", FINGER_OPEN, 1e-4), ("closed", 0.0, -1e-4))
         for what, bound, beyond in travels:
 
-            def set_travel(case: Case, factor: float, column=column, bound=bound, beyond=beyond) -> Case:
+            def set_travel(
+                case: Case, factor: float, column=column, bound=bound, beyond=beyond
+            ) -> Case:
                 def put(qpos: Floats) -> None:
                     qpos[30, column] = bound + factor * beyond
 
@@ -169,7 +180,12 @@ for arm, arm_name in enumerate(("left", "right")):
 # Joint 7 of the arm that grasps; of those that give and take; of the one that lets go.
 for number, arm, arm_name in ((0, 0, "left"), (1, 0, "left"), (1, 1, "right"), (2, 1, "right")):
     nudge = moved(before_switch(number), ONE.arm_joints[arm, 6], 0.1 * STEP)
-    PROBES[f"switch {number} of {arm_name}"] = ("handover", "switch speed", (f"{arm_name}/joint7",), nudge)
+    PROBES[f"switch {number} of {arm_name}"] = (
+        "handover",
+        "switch speed",
+        (f"{arm_name}/joint7",),
+        nudge,
+    )
 
 YELLOW, BY_LEFT = ("object/yellow",), ("object/yellow", "left")
 PROBES |= {
@@ -216,10 +232,20 @@ def beside_axis(case: Case, factor: float) -> Case:
 
 for sign in (1, -1):
     for axis, half in enumerate((0.025, 0.04, 0.05)):
-        PROBES[f"center {axis} {sign}"] = ("carry", "gripper center", BY_LEFT, center_at(sign * np.eye(3)[axis], half))
+        PROBES[f"center {axis} {sign}"] = (
+            "carry",
+            "gripper center",
+            BY_LEFT,
+            center_at(sign * np.eye(3)[axis], half),
+        )
     for what, direction, half in (("radius", np.array([0.6, 0.8, 0.0]), 0.03), ("height", Z, 0.05)):
         probe = center_at(sign * direction, half)
-        PROBES[f"center of a can, {what} {sign}"] = ("carry_cylinder", "gripper center", ("object/tin", "left"), probe)
+        PROBES[f"center of a can, {what} {sign}"] = (
+            "carry_cylinder",
+            "gripper center",
+            ("object/tin", "left"),
+            probe,
+        )
 PROBES["closing offset"] = ("carry_cylinder", "closing offset", ("object/tin", "left"), beside_axis)
 
 
@@ -234,7 +260,12 @@ PROBES["width of a can"] = ("carry_cylinder", "width", ("object/tin", "left"), w
 
 for finger in range(2):
     for sign in (1, -1):
-        PROBES[f"grip {finger} {sign}"] = ("carry", "grip", BY_LEFT, moved(middle, TWO.fingers[0, finger], sign * 1e-3))
+        PROBES[f"grip {finger} {sign}"] = (
+            "carry",
+            "grip",
+            BY_LEFT,
+            moved(middle, TWO.fingers[0, finger], sign * 1e-3),
+        )
 
 
 def region_moved(axis: int, sign: int, slack: float) -> Callable[[Case, float], Case]:
@@ -242,7 +273,11 @@ def region_moved(axis: int, sign: int, slack: float) -> Callable[[Case, float], 
 
     def change(case: Case, factor: float) -> Case:
         region = case.scene.goal.region
-        way = sign * (slack + factor * 2e-3) * np.array([[np.cos(0.2), np.sin(0.2)], [-np.sin(0.2), np.cos(0.2)]])[axis]
+        way = (
+            sign
+            * (slack + factor * 2e-3)
+            * np.array([[np.cos(0.2), np.sin(0.2)], [-np.sin(0.2), np.cos(0.2)]])[axis]
+        )
         position = (region.position[0] + way[0], region.position[1] + way[1])
         goal = replace(case.scene.goal, region=replace(region, position=position))
         return replace(case, scene=replace(case.scene, goal=goal))
@@ -254,7 +289,12 @@ for sign in (1, -1):
     for axis in range(2):
         # The region is 14 cm wide, the box 5 x 8 cm and turned as the region is, the can 6 cm thick.
         probe = region_moved(axis, sign, (0.045, 0.03)[axis])
-        PROBES[f"overhang {axis} {sign}"] = ("carry", "support overhang", ("object/yellow", "goal"), probe)
+        PROBES[f"overhang {axis} {sign}"] = (
+            "carry",
+            "support overhang",
+            ("object/yellow", "goal"),
+            probe,
+        )
         probe = region_moved(axis, sign, 0.04)
         PROBES[f"overhang of a can {axis} {sign}"] = (
             "carry_cylinder",
@@ -279,7 +319,12 @@ def tilted_can(sign: int) -> Callable[[Case, float], Case]:
 
 
 for sign in (1, -1):
-    PROBES[f"rim {sign}"] = ("carry_cylinder", "support height", ("object/tin", "goal"), tilted_can(sign))
+    PROBES[f"rim {sign}"] = (
+        "carry_cylinder",
+        "support height",
+        ("object/tin", "goal"),
+        tilted_can(sign),
+    )
 
 
 def at_the_tables_edge(case: Case, factor: float) -> Case:
@@ -288,10 +333,17 @@ def at_the_tables_edge(case: Case, factor: float) -> Case:
     def put(qpos: Floats) -> None:
         qpos[placed(case), FIRST] = [1.1 - 0.025 + factor * 2e-3, 0.5, 0.05, 1.0, 0.0, 0.0, 0.0]
 
-    return replace(changed(case, put), actions=(case.actions[0], Action("place", ("left", "yellow", "table"))))
+    return replace(
+        changed(case, put), actions=(case.actions[0], Action("place", ("left", "yellow", "table")))
+    )
 
 
-PROBES["overhang of the table"] = ("carry", "support overhang", ("object/yellow", "table"), at_the_tables_edge)
+PROBES["overhang of the table"] = (
+    "carry",
+    "support overhang",
+    ("object/yellow", "table"),
+    at_the_tables_edge,
+)
 
 
 @pytest.mark.parametrize("name", PROBES)
@@ -316,12 +368,16 @@ def opened_from(case: Case, row: int, place: int, column: int) -> Motion:
 
 def test_fingers_may_open_where_the_object_will_stand_and_not_before(carry: Case) -> None:
     place = int(carry.motion.switch[1])
-    away = np.linalg.norm(carry.motion.qpos[:, FIRST[:3]] - carry.motion.qpos[place, FIRST[:3]], axis=1)
+    away = np.linalg.norm(
+        carry.motion.qpos[:, FIRST[:3]] - carry.motion.qpos[place, FIRST[:3]], axis=1
+    )
     near = next(row for row in range(place, 0, -1) if away[row - 1] > 2.9e-3)
     far = next(row for row in range(place, 0, -1) if away[row] > 3.1e-3)
     for row, expected in ((near, set()), (far, {"grip"})):
         motion = opened_from(carry, row, place, TWO.fingers[0, 0])
-        kinds = {finding.kind for finding in check_motion(carry.scene, carry.actions, motion).findings}
+        kinds = {
+            finding.kind for finding in check_motion(carry.scene, carry.actions, motion).findings
+        }
         assert kinds - {"finger speed"} == expected
 
 
@@ -338,7 +394,9 @@ def test_a_closed_gripper_elsewhere_does_not_let_the_giving_one_open(handover: C
 
     wrong = changed(handover, change)
     findings = check_motion(wrong.scene, wrong.actions, wrong.motion).findings
-    assert ("grip", ("object/bar", "left")) in {(finding.kind, finding.names) for finding in findings}
+    assert ("grip", ("object/bar", "left")) in {
+        (finding.kind, finding.names) for finding in findings
+    }
 
 
 def test_the_sign_of_a_quaternion_means_nothing(carry: Case) -> None:

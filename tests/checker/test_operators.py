@@ -9,9 +9,25 @@ from puppet import OPEN, Case, Puppet, hand, layout_of
 from wrong_motions import changed, never_released, placed_tilted, with_object
 
 from dvr_jax import shapes
-from dvr_jax.checker import CHECKS, FindingKind, FindingLog, OperatorCheck, check_goal, check_motion, describe
+from dvr_jax.checker import (
+    CHECKS,
+    FindingKind,
+    FindingLog,
+    OperatorCheck,
+    check_goal,
+    check_motion,
+    describe,
+)
 from dvr_jax.checker.kinds import GOAL_HELD
-from dvr_jax.checker.operators import ARM, OBJECT, Arguments, AttachmentInterval, Held, Moving, Timeline
+from dvr_jax.checker.operators import (
+    ARM,
+    OBJECT,
+    Arguments,
+    AttachmentInterval,
+    Held,
+    Moving,
+    Timeline,
+)
 from dvr_jax.checker.replayed_motion import ReplayedMotion
 from dvr_jax.checker.shapes import BOX_CHECK, register_shape_check, shape_check_named
 from dvr_jax.checker.shapes import shape as shape_registry
@@ -30,22 +46,29 @@ def hand_must_be_empty(arguments: Arguments, holding: Mapping[str, str]) -> str:
 
 # suction(arm, object): a gripper with closed fingers holds a box by its top face.
 
-SUCTION_CENTER = FindingKind("suction center", "the center of the {1} gripper is {value} off the top face of {0}", "mm")
-SUCTION_FINGERS = FindingKind("suction fingers", "the {1} gripper holds {0} with its fingers {value} open", "mm")
+SUCTION_CENTER = FindingKind(
+    "suction center", "the center of the {1} gripper is {value} off the top face of {0}", "mm"
+)
+SUCTION_FINGERS = FindingKind(
+    "suction fingers", "the {1} gripper holds {0} with its fingers {value} open", "mm"
+)
 
 
 def suction_attachment(scene: Scene, arguments: Arguments) -> Held:
     return Held(scene.workcell.arm_index(arguments["arm"]))
 
 
-def check_suction(motion: ReplayedMotion, timeline: Timeline, interval: AttachmentInterval, log: FindingLog) -> None:
+def check_suction(
+    motion: ReplayedMotion, timeline: Timeline, interval: AttachmentInterval, log: FindingLog
+) -> None:
     arm = motion.scene.workcell.arm_index(interval.arguments["arm"])
     names = (motion.object_label(interval.object), motion.arm_name(arm))
     half = np.array(motion.scene.objects[interval.object].size) / 2
 
     to_object = motion.object_rotations[interval.start, interval.object].T
     center = to_object @ (
-        motion.gripper_positions[interval.start, arm] - motion.object_positions[interval.start, interval.object]
+        motion.gripper_positions[interval.start, arm]
+        - motion.object_positions[interval.start, interval.object]
     )
     beside = np.maximum(np.abs(center[:2]) - half[:2], 0.0)
     above = max(abs(center[2] - half[2]) - 0.02, 0.0)
@@ -55,7 +78,9 @@ def check_suction(motion: ReplayedMotion, timeline: Timeline, interval: Attachme
     log.add_worst(SUCTION_FINGERS, interval.start, names, travels, 1e-3)
 
 
-SUCTION_CHECK = OperatorCheck("suction", (ARM, OBJECT), hand_must_be_empty, suction_attachment, check_suction)
+SUCTION_CHECK = OperatorCheck(
+    "suction", (ARM, OBJECT), hand_must_be_empty, suction_attachment, check_suction
+)
 
 
 @pytest.fixture(scope="module")
@@ -97,7 +122,9 @@ def nudge_attachment(scene: Scene, arguments: Arguments) -> Moving:
     return Moving()
 
 
-def check_nudge(motion: ReplayedMotion, timeline: Timeline, interval: AttachmentInterval, log: FindingLog) -> None:
+def check_nudge(
+    motion: ReplayedMotion, timeline: Timeline, interval: AttachmentInterval, log: FindingLog
+) -> None:
     arm = motion.scene.workcell.arm_index(interval.arguments["arm"])
     item = motion.scene.objects[interval.object]
     names = (motion.object_label(interval.object), motion.arm_name(arm))
@@ -114,7 +141,9 @@ def check_nudge(motion: ReplayedMotion, timeline: Timeline, interval: Attachment
         travel = float(motion.finger_travels(arm)[sample].max())
         log.add(NUDGE_FINGERS, int(sample), names, travel, 1e-3)
         to_object = motion.object_rotations[sample, interval.object].T
-        center = motion.gripper_positions[sample, arm] - motion.object_positions[sample, interval.object]
+        center = (
+            motion.gripper_positions[sample, arm] - motion.object_positions[sample, interval.object]
+        )
         away = shape_check_named(item.shape).distance_outside(item.size, to_object @ center)
         log.add(NUDGE_ALONE, int(sample), names, away, 0.015)
 
@@ -172,11 +201,14 @@ def test_a_box_is_carried_by_suction(sucked: Case) -> None:
 
 
 def test_an_operator_is_known_only_where_it_is_given(sucked: Case) -> None:
-    with pytest.raises(MotionError, match=r"valid are grasp\(arm, face, object\) and place\(arm, object, support\)"):
+    with pytest.raises(
+        MotionError, match=r"valid are grasp\(arm, face, object\) and place\(arm, object, support\)"
+    ):
         check_motion(sucked.scene, sucked.actions, sucked.motion)
     push = replace(sucked, actions=(Action("push", ("left", "yellow")), sucked.actions[1]))
     with pytest.raises(
-        MotionError, match=r"grasp\(.*place\(.*suction\(arm, object\) and nudge\(arm, object\) with arms"
+        MotionError,
+        match=r"grasp\(.*place\(.*suction\(arm, object\) and nudge\(arm, object\) with arms",
     ):
         found(push)
 
@@ -186,9 +218,11 @@ def fingers_open_under_suction(qpos: np.ndarray) -> None:
 
 
 def test_suction_with_open_fingers(sucked: Case) -> None:
-    assert {kind for kind, names in found(changed(sucked, fingers_open_under_suction)) if names == BY_LEFT} == {
-        "suction fingers"
-    }
+    assert {
+        kind
+        for kind, names in found(changed(sucked, fingers_open_under_suction))
+        if names == BY_LEFT
+    } == {"suction fingers"}
 
 
 def test_suction_beside_the_top_face(sucked: Case) -> None:
@@ -200,7 +234,9 @@ def test_what_is_held_by_suction_does_not_slip_and_is_put_down(sucked: Case) -> 
     take, place = sucked.motion.switch
 
     def slip(qpos: np.ndarray) -> None:
-        qpos[take:place, LAYOUT.objects[0, 2]] += 0.002 * np.sin(np.linspace(0.0, np.pi, place - take))
+        qpos[take:place, LAYOUT.objects[0, 2]] += 0.002 * np.sin(
+            np.linspace(0.0, np.pi, place - take)
+        )
 
     assert ("slip shift", BY_LEFT) in found(changed(sucked, slip))
 
@@ -254,7 +290,9 @@ def test_a_shape_is_one_value(carry: Case, monkeypatch: pytest.MonkeyPatch) -> N
     """A crate looks like a box; later its check says that it is gripped by handles, 2 cm thick."""
     monkeypatch.setitem(shapes.shape._SHAPES, "crate", replace(shapes.BOX, name="crate"))
     crate = with_object(0, shape="crate")(carry)
-    with pytest.raises(SceneError, match="does not know the shape 'crate'; it knows 'box', 'cylinder'"):
+    with pytest.raises(
+        SceneError, match="does not know the shape 'crate'; it knows 'box', 'cylinder'"
+    ):
         check_motion(crate.scene, crate.actions, crate.motion)
 
     # So that the registry forgets the crate after the test.
@@ -288,7 +326,9 @@ def test_a_goal_is_one_function(carry: Case) -> None:
     not_held = replace(GOAL_HELD, name="goal not held", sentence="no arm holds {0}")
 
     @check_goal.register
-    def check_in_hand(goal: InHand, motion: ReplayedMotion, timeline: Timeline, log: FindingLog) -> None:
+    def check_in_hand(
+        goal: InHand, motion: ReplayedMotion, timeline: Timeline, log: FindingLog
+    ) -> None:
         index = motion.scene.object_index(goal.object)
         if timeline.last(index).holder is None:
             log.add(not_held, motion.last_sample, (motion.object_label(index),), 1.0, 0.0)
@@ -299,5 +339,7 @@ def test_a_goal_is_one_function(carry: Case) -> None:
     assert found(never_released(case)) == set()
 
     unknown = replace(carry.scene, goal=Elsewhere(carry.scene.goal.region))
-    with pytest.raises(SceneError, match="does not know goals of the type Elsewhere; it knows OnRegion"):
+    with pytest.raises(
+        SceneError, match="does not know goals of the type Elsewhere; it knows OnRegion"
+    ):
         check_motion(unknown, carry.actions[:1], never_released(carry).motion)

@@ -8,7 +8,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from puppet import Case, layout_of
-from wrong_motions import CAN, CASES, LAYOUT, changed, held_lower, joint_jumps, limit_violated, with_object
+from wrong_motions import (
+    CAN,
+    CASES,
+    LAYOUT,
+    changed,
+    held_lower,
+    joint_jumps,
+    limit_violated,
+    with_object,
+)
 
 from dvr_jax.checker import KINDS, CheckReport, Finding, check_motion, describe
 from dvr_jax.checker.kinds import GOAL_HELD, PENETRATION
@@ -38,7 +47,9 @@ def test_what_is_wrong_is_found(
 ) -> None:
     report = check(change(carry))
     assert not report.passed
-    assert {(finding.kind, finding.names) for finding in report.findings} == expected, describe(report)
+    assert {(finding.kind, finding.names) for finding in report.findings} == expected, describe(
+        report
+    )
     assert all(finding.value > finding.limit for finding in report.findings)
     times = [finding.time for finding in report.findings]
     assert times == sorted(times)
@@ -60,8 +71,12 @@ def test_every_kind_is_provoked_here() -> None:
 def test_values_and_times_are_those_of_the_worst_sample(carry: Case) -> None:
     (limit,) = check(limit_violated(carry)).findings
     assert limit.value == pytest.approx(0.02) and limit.time == pytest.approx(carry.motion.time[-1])
-    speed = next(finding for finding in check(joint_jumps(carry)).findings if finding.kind == "joint speed")
-    assert speed.value == pytest.approx(0.1 / 0.02) and speed.time == pytest.approx(carry.motion.time[50])
+    speed = next(
+        finding for finding in check(joint_jumps(carry)).findings if finding.kind == "joint speed"
+    )
+    assert speed.value == pytest.approx(0.1 / 0.02) and speed.time == pytest.approx(
+        carry.motion.time[50]
+    )
     lower = {finding.kind: finding for finding in check(held_lower(carry)).findings}
     assert lower["penetration"].value == pytest.approx(0.005, abs=1e-6)
     assert lower["penetration"].time >= carry.motion.time[carry.motion.switch[0]]
@@ -95,7 +110,11 @@ def test_what_is_hit_between_two_samples_is_found(carry: Case, every: int) -> No
     last = (len(motion.time) - 1) // every * every
     kept = np.append(np.arange(0, last, every), [last])
     coarse = Motion(motion.time[kept], motion.qpos[kept], motion.switch // every)
-    found = {finding.names for finding in check(replace(case, motion=coarse)).findings if finding.kind == "penetration"}
+    found = {
+        finding.names
+        for finding in check(replace(case, motion=coarse)).findings
+        if finding.kind == "penetration"
+    }
     assert ("object/can", "object/yellow") in found
 
 
@@ -130,14 +149,19 @@ def test_a_finding_is_one_sentence() -> None:
 @pytest.mark.parametrize(
     ("actions", "message"),
     [
-        ((Action("place", ("left", "yellow", "goal")),) * 2, "action 1, .*left does not hold yellow"),
+        (
+            (Action("place", ("left", "yellow", "goal")),) * 2,
+            "action 1, .*left does not hold yellow",
+        ),
         ((Action("grasp", ("left", "+x", "yellow")),) * 2, "action 2, .*left already holds"),
         ((Action("push", ("left", "yellow")),) * 2, "action 1, push.*: valid are grasp"),
         ((Action("grasp", ("left", "+z", "yellow")),) * 2, "faces"),
         ((Action("grasp", ("left", "+x", "yellow")),), "2 switches; valid are 1"),
     ],
 )
-def test_actions_that_do_not_apply_are_refused(carry: Case, actions: tuple[Action, ...], message: str) -> None:
+def test_actions_that_do_not_apply_are_refused(
+    carry: Case, actions: tuple[Action, ...], message: str
+) -> None:
     with pytest.raises(MotionError, match=message):
         check_motion(carry.scene, actions, carry.motion)
 
@@ -153,7 +177,17 @@ def test_states_that_do_not_fit_the_scene_are_refused(carry: Case, handover: Cas
         check(changed(carry, scale))
 
 
-FORBIDDEN = ("modes", "operators", "nlp", "solver", "seeds", "search", "planning", "model", "dataset")
+FORBIDDEN = (
+    "modes",
+    "operators",
+    "nlp",
+    "solver",
+    "seeds",
+    "search",
+    "planning",
+    "model",
+    "dataset",
+)
 """Packages of the planner."""
 
 
@@ -161,7 +195,7 @@ def test_the_check_knows_neither_jax_nor_the_planner() -> None:
     program = (
         "import sys, dvr_jax.checker\n"
         f"planner = tuple('dvr_jax.' + name for name in {FORBIDDEN})\n"
-        "arrays = ('dvr_jax.geometry.vectors', 'dvr_jax.geometry.distances', 'dvr_jax.workcell.kinematics')\n"
+        "arrays = ('dvr_jax.geometry.vectors', 'dvr_jax.geometry.prisms', 'dvr_jax.workcell.kinematics')\n"
         "is_jax = [name for name in sys.modules if name.split('.')[0] in ('jax', 'jaxlib')]\n"
         "bad = is_jax + [name for name in sys.modules if name.startswith(planner + arrays)]\n"
         "sys.exit(str(bad) if bad else 0)"

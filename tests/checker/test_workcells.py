@@ -40,7 +40,10 @@ def test_any_workcell_is_checked(name: str) -> None:
     def jump(qpos: np.ndarray) -> None:
         qpos[-1, column] += 0.2
 
-    assert kinds_and_names(changed(case, jump)) == {("joint speed", (joint,)), ("joint acceleration", (joint,))}
+    assert kinds_and_names(changed(case, jump)) == {
+        ("joint speed", (joint,)),
+        ("joint acceleration", (joint,)),
+    }
 
 
 def test_the_home_is_that_of_the_arm() -> None:
@@ -63,7 +66,10 @@ def test_a_box_is_carried_over_a_low_wall_and_through_a_high_one() -> None:
     high = carry_in_workcell(SIDE_BY_SIDE_WORKCELL, 1, (wall(0.20),))
     names = {names for kind, names in kinds_and_names(high) if kind == "penetration"}
     assert ("fixed/the wall", "object/yellow") in names
-    assert ("fixed/the wall", "right/hand") in names or ("fixed/the wall", "right/finger_left") in names
+    assert ("fixed/the wall", "right/hand") in names or (
+        "fixed/the wall",
+        "right/finger_left",
+    ) in names
     report = check_motion(high.scene, high.actions, high.motion)
     assert report.deepest_penetration > 0.02
 
@@ -76,8 +82,13 @@ def test_a_fixed_body_may_be_penetrated_as_deep_as_any_other(shape: str) -> None
     def post(depth: float) -> FixedBody:
         return FixedBody("post", shape, size, (0.55, -0.20 - 0.04 - 0.02 + depth, 0.03), 0.0)
 
-    for depth, expected in ((2.7e-3, set()), (3.3e-3, {("penetration", ("fixed/post", "object/yellow"))})):
-        assert kinds_and_names(carry_in_workcell(SINGLE_ARM_WORKCELL, 0, (post(depth),))) == expected
+    for depth, expected in (
+        (2.7e-3, set()),
+        (3.3e-3, {("penetration", ("fixed/post", "object/yellow"))}),
+    ):
+        assert (
+            kinds_and_names(carry_in_workcell(SINGLE_ARM_WORKCELL, 0, (post(depth),))) == expected
+        )
 
 
 def test_fixed_bodies_may_touch_each_other_and_the_table() -> None:

@@ -26,7 +26,9 @@ def turned_about(axis: int, angle: float, quaternion: np.ndarray) -> np.ndarray:
     """Quaternions (..., 4) after a turn about a world axis."""
     w, xyz = np.cos(angle / 2), np.eye(3)[axis] * np.sin(angle / 2)
     scalar = w * quaternion[..., :1] - quaternion[..., 1:] @ xyz[:, None]
-    vector = w * quaternion[..., 1:] + quaternion[..., :1] * xyz + np.cross(xyz, quaternion[..., 1:])
+    vector = (
+        w * quaternion[..., 1:] + quaternion[..., :1] * xyz + np.cross(xyz, quaternion[..., 1:])
+    )
     return np.concatenate([scalar, vector], axis=-1)
 
 
@@ -113,7 +115,9 @@ def grasped_outside(case: Case) -> Case:
 
 
 def grasped_at(face: str) -> Callable[[Case], Case]:
-    return lambda case: replace(case, actions=(Action("grasp", ("left", face, "yellow")), case.actions[1]))
+    return lambda case: replace(
+        case, actions=(Action("grasp", ("left", face, "yellow")), case.actions[1])
+    )
 
 
 def with_object(index: int, **changes: Any) -> Callable[[Case], Case]:
@@ -173,12 +177,12 @@ def never_released(case: Case) -> Case:
 def fingers_closed_too_early(case: Case) -> Case:
     def change(qpos: np.ndarray) -> None:
         closing = np.maximum(0.04 - 0.0005 * np.arange(case.motion.switch[0] + 1), 0.02)
-        qpos[: len(closing), LAYOUT.fingers[0]] = np.minimum(closing, qpos[: len(closing), LAYOUT.fingers[0, 0]])[
-            :, None
-        ]
-        qpos[case.motion.switch[0] - 10 : case.motion.switch[0] + 1, LAYOUT.fingers[0]] = np.linspace(0.02, 0.025, 11)[
-            :, None
-        ]
+        qpos[: len(closing), LAYOUT.fingers[0]] = np.minimum(
+            closing, qpos[: len(closing), LAYOUT.fingers[0, 0]]
+        )[:, None]
+        qpos[case.motion.switch[0] - 10 : case.motion.switch[0] + 1, LAYOUT.fingers[0]] = (
+            np.linspace(0.02, 0.025, 11)[:, None]
+        )
 
     return changed(case, change)
 
@@ -214,7 +218,9 @@ def never_closed(case: Case) -> Case:
 def opened_under_way(case: Case) -> Case:
     def change(qpos: np.ndarray) -> None:
         grasp, place = case.motion.switch
-        qpos[grasp:place, LAYOUT.fingers[0]] += 0.002 * np.sin(np.linspace(0.0, np.pi, place - grasp))[:, None]
+        qpos[grasp:place, LAYOUT.fingers[0]] += (
+            0.002 * np.sin(np.linspace(0.0, np.pi, place - grasp))[:, None]
+        )
 
     return changed(case, change)
 
@@ -251,14 +257,20 @@ CASES: list[tuple[Callable[[Case], Case], set[tuple[str, tuple[str, ...]]]]] = [
             ("object speed", YELLOW_NAME),
             ("slip shift", BY_LEFT),
             # It jumps through the hand.
-            *(("penetration", (f"left/{part}", "object/yellow")) for part in ("hand", "link6", "link7")),
+            *(
+                ("penetration", (f"left/{part}", "object/yellow"))
+                for part in ("hand", "link6", "link7")
+            ),
         },
     ),
     (grasped_at("+y"), {("closing axis", BY_LEFT), ("grip", BY_LEFT)}),
     (grasped_at("-x"), {("closing axis", BY_LEFT)}),
     (too_wide, {("closing axis", BY_LEFT), ("grip", BY_LEFT), ("width", BY_LEFT)}),
     (posture_off, {("home posture", ("right/joint7",))}),
-    (fingers_off, {("home finger", ("left/finger_left",)), ("finger speed", ("left/finger_left",))}),
+    (
+        fingers_off,
+        {("home finger", ("left/finger_left",)), ("finger speed", ("left/finger_left",))},
+    ),
     (with_object(1, position=(0.25, 0.255)), {("home shift", CAN_NAME)}),
     (with_object(1, yaw=0.1), {("home turn", CAN_NAME)}),
     (goal_elsewhere, {("support overhang", AT_GOAL)}),

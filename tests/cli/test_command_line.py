@@ -18,7 +18,11 @@ def raise_(error: BaseException) -> int:
 @pytest.mark.parametrize(
     ("error", "code", "message"),
     [
-        (DvrError("the seed is -1; valid is 0 or more."), 2, "error: the seed is -1; valid is 0 or more.\n"),
+        (
+            DvrError("the seed is -1; valid is 0 or more."),
+            2,
+            "error: the seed is -1; valid is 0 or more.\n",
+        ),
         (
             FileNotFoundError(2, "No such file or directory", "a.json"),
             2,
@@ -28,7 +32,9 @@ def raise_(error: BaseException) -> int:
         (KeyboardInterrupt(), 130, "interrupted\n"),
     ],
 )
-def test_failures(error: BaseException, code: int, message: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_failures(
+    error: BaseException, code: int, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(SystemExit) as ended:
         run_command(lambda: raise_(error))
     assert ended.value.code == code
@@ -51,10 +57,15 @@ def test_a_defect_keeps_its_traceback() -> None:
     ("main", "ended"),
     [
         ("print('done') or print('and said', file=sys.stderr) or 1", (1, "done\n", "and said\n")),
-        ("open('missing.json')", (2, "", "error: cannot use the file 'missing.json': No such file or directory.\n")),
+        (
+            "open('missing.json')",
+            (2, "", "error: cannot use the file 'missing.json': No such file or directory.\n"),
+        ),
     ],
 )
-def test_a_command_may_end_without_waiting_for_its_threads(main: str, ended: tuple[int, str, str]) -> None:
+def test_a_command_may_end_without_waiting_for_its_threads(
+    main: str, ended: tuple[int, str, str]
+) -> None:
     code = (
         "import sys, threading, time; from dvr_jax.errors import run_command\n"
         "threading.Thread(target=time.sleep, args=(600,)).start()\n"
@@ -72,7 +83,9 @@ def sample(*options: str) -> subprocess.CompletedProcess[str]:
 
 def test_sample_writes_scenes(tmp_path: Path) -> None:
     file = tmp_path / "scenes.jsonl"
-    ended = sample("--number", "3", "--objects", "2", "--seed", "1", "--out", str(file), "--shape", "mixed")
+    ended = sample(
+        "--number", "3", "--objects", "2", "--seed", "1", "--out", str(file), "--shape", "mixed"
+    )
     assert (ended.returncode, ended.stderr) == (0, "")
     assert len(load_scenes(file)) == 3
     assert "3 scenes of 2 objects" in ended.stdout
@@ -95,7 +108,9 @@ def test_sample_refuses(options: list[str], message: str, tmp_path: Path) -> Non
 
 def test_sample_makes_its_folder_and_names_a_file_in_the_way(tmp_path: Path) -> None:
     file = tmp_path / "new" / "scenes.jsonl"
-    assert sample("--number", "1", "--out", str(file)).returncode == 0 and len(load_scenes(file)) == 1
+    assert (
+        sample("--number", "1", "--out", str(file)).returncode == 0 and len(load_scenes(file)) == 1
+    )
     ended = sample("--number", "1", "--out", str(file / "more.jsonl"))
     assert ended.returncode == 2
     assert f"'{file}'" in ended.stderr and "Traceback" not in ended.stderr

@@ -37,11 +37,17 @@ def test_a_plan_and_its_files(
 ) -> None:
     save_scene(tmp_path / "scene.json", NEAR)
     out = tmp_path / "plans" / "first"
-    assert run(monkeypatch, tmp_path / "scene.json", "--k-max", 2, "--no-animation", "--out", out) == 0
+    assert (
+        run(monkeypatch, tmp_path / "scene.json", "--k-max", 2, "--no-animation", "--out", out) == 0
+    )
     said = capsys.readouterr()
     lines = said.out.splitlines()
     assert lines[0].startswith("solved with 2 actions, a motion of ")
-    assert lines[1].startswith("  1. ") and "grasps tile" in lines[1] and "places tile on goal" in lines[2]
+    assert (
+        lines[1].startswith("  1. ")
+        and "grasps tile" in lines[1]
+        and "places tile on goal" in lines[2]
+    )
     assert lines[3].startswith("NLPs solved: ") and " 1 path" in lines[3]
     assert lines[4].startswith("seconds: ") and ", total " in lines[4]
     assert lines[5] == f"written to {out}/" and "path of grasp" in said.err
@@ -58,12 +64,16 @@ def test_a_plan_and_its_files(
     }  # fmt: skip
     assert record["versions"]["dvr_jax"] == version("dvr_jax") and record["seconds"]["total"] > 0
     assert max(record["violations"].values()) <= 1e-2
-    actions = [Action(action["operator"], tuple(action["arguments"])) for action in record["actions"]]
+    actions = [
+        Action(action["operator"], tuple(action["arguments"])) for action in record["actions"]
+    ]
     motion = load_motion(out / "trajectory.npz")
     assert [str(action) for action in Plan.load(out).actions] == [str(action) for action in actions]
     report = check_motion(load_scene(tmp_path / "scene.json"), actions, motion)
     assert report.passed and record["check"]["passed"]
-    assert record["check"]["deepest_penetration"] == pytest.approx(report.deepest_penetration, abs=1e-9)
+    assert record["check"]["deepest_penetration"] == pytest.approx(
+        report.deepest_penetration, abs=1e-9
+    )
     assert mujoco.MjModel.from_xml_path(str(out / "scene.xml")).nq == motion.qpos.shape[1]
     # One sign of a rotation: neighbours may be averaged.
     quaternions = motion.qpos[:, -4:]
@@ -86,9 +96,20 @@ def test_a_folder_that_cannot_be_is_refused_before_the_search(
     assert capsys.readouterr() == ("", "")
 
 
-def test_a_search_without_a_network_takes_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(DvrError, match=r"--search mbts takes no --network; valid with one: dvr, classifier"):
-        run(monkeypatch, "data/scenes/figure1.json", "--search", "mbts", "--network", tmp_path / "network.npz")
+def test_a_search_without_a_network_takes_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(
+        DvrError, match=r"--search mbts takes no --network; valid with one: dvr, classifier"
+    ):
+        run(
+            monkeypatch,
+            "data/scenes/figure1.json",
+            "--search",
+            "mbts",
+            "--network",
+            tmp_path / "network.npz",
+        )
 
 
 def test_what_was_printed_before_an_error_is_not_lost() -> None:
@@ -101,5 +122,11 @@ def main():
 run_command(main, at_once=True)
 """
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment)
-    assert (done.returncode, done.stdout, done.stderr) == (2, "solved\n", "error: the disk is full.\n")
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env=environment
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (
+        2,
+        "solved\n",
+        "error: the disk is full.\n",
+    )

@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 from synthetic import OPTIONS, synthetic
 
-from dvr_jax.dataset import Shard, read_shard, write_shard
+from dvr_jax.dataset.shards import Shard, read_shard, write_shard
 
 
 @pytest.fixture(scope="session")

@@ -1,11 +1,8 @@
-"""Examples: what is labelled is there as it is, what is drawn lies under a refuted prefix and reaches the goal."""
+"""Examples: what is labeled is there as it is, what is drawn lies under a refuted prefix and reaches the goal."""
 
 import hashlib
 import json
-import os
 import shutil
-import subprocess
-import sys
 from dataclasses import replace
 from math import nan
 from pathlib import Path
@@ -14,21 +11,21 @@ import numpy as np
 import pytest
 from synthetic import OPTIONS, synthetic
 
-from dvr_jax.cli import train
-from dvr_jax.dataset import Examples, Label, count_targets, load_examples, read_shard, targets, write_manifest
-from dvr_jax.dataset import write_shard as write
 from dvr_jax.dataset.counts import count_infeasible_sequences
+from dvr_jax.dataset.examples import Examples, count_targets, load_examples
+from dvr_jax.dataset.folder_manifest import write_manifest
+from dvr_jax.dataset.labels import Label
 from dvr_jax.dataset.sequence_index import sequence_index_of
-from dvr_jax.dataset.shards import list_shards
+from dvr_jax.dataset.shards import list_shards, read_shard
+from dvr_jax.dataset.shards import write_shard as write
+from dvr_jax.dataset.targets import targets
 from dvr_jax.errors import DvrError
-from dvr_jax.logic import Grounding, enumerate_sequences
-from dvr_jax.model.predictor import Predictor
-from dvr_jax.operators import ground_scene
+from dvr_jax.logic import Grounding, enumerate_sequences, ground_actions
 from dvr_jax.scene.types import Scene
 
 
 def ground(scene: Scene) -> Grounding:
-    return ground_scene(scene)
+    return ground_actions([item.name for item in scene.objects], scene.goal.object)
 
 
 def sequences_of(examples: Examples, scene: int) -> dict[tuple[int, ...], bool]:
@@ -71,7 +68,10 @@ def test_shapes(examples: Examples) -> None:
 def test_every_label_is_an_example(examples: Examples, labels: dict[Scene, list[Label]]) -> None:
     for number, scene in enumerate(examples.scenes):
         grounding = ground(scene)
-        found = {names(grounding, actions): verdict for actions, verdict in sequences_of(examples, number).items()}
+        found = {
+            names(grounding, actions): verdict
+            for actions, verdict in sequences_of(examples, number).items()
+        }
         for label in labels[scene]:
             if not label.refuted_prefix:
                 assert found.pop(label.actions) == label.feasible
@@ -149,11 +149,14 @@ def test_counts(examples: Examples) -> None:
     zeros, known = inside & (examples.targets == 0), examples.weight == 1
     assert not examples.weight[~known].any() and not known[~inside].any()
     assert counts.zeros == zeros.sum() and counts.known_zeros == (zeros & known).sum() > 0
-    assert counts.first_zeros == zeros[:, 0].sum() and counts.known_first_zeros == (zeros & known)[:, 0].sum()
+    assert (
+        counts.first_zeros == zeros[:, 0].sum()
+        and counts.known_first_zeros == (zeros & known)[:, 0].sum()
+    )
 
 
-def test_all_continuations_and_none_labelled_otherwise(tmp_path: Path) -> None:
-    """Nested prefixes and a labelled continuation: with no bound on their number, each continuation is there once."""
+def test_all_continuations_and_none_labeled_otherwise(tmp_path: Path) -> None:
+    """Nested prefixes and a labeled continuation: with no bound on their number, each continuation is there once."""
     scenes, _ = synthetic(0, 1, rows=0)
     grounding = ground(scenes[0])
     every = [s for length in range(1, 5) for s in enumerate_sequences(grounding, length)]
@@ -169,7 +172,10 @@ def test_all_continuations_and_none_labelled_otherwise(tmp_path: Path) -> None:
     expected = {s: False for s in every if s[0] == one[0]} | {other: True}
     assert sequences_of(load_examples(tmp_path, completions=10**6, k_max=4), 0) == expected
     assert count_infeasible_sequences(list_shards(tmp_path), k_max=4) == len(expected) - 1
-    assert sequences_of(load_examples(tmp_path, completions=0, k_max=4), 0) == {one: False, other: True}
+    assert sequences_of(load_examples(tmp_path, completions=0, k_max=4), 0) == {
+        one: False,
+        other: True,
+    }
 
 
 def test_a_refuted_root_stands_for_all(tmp_path: Path) -> None:
@@ -184,12 +190,19 @@ def test_many_objects_and_names_share_nothing(tmp_path: Path) -> None:
     scenes, labels = synthetic(0, 2, rows=30, objects=5)
     renamed = replace(
         scenes[1],
-        objects=tuple(replace(item, name=f"{item.name}; {i}") for i, item in enumerate(scenes[1].objects)),
+        objects=tuple(
+            replace(item, name=f"{item.name}; {i}") for i, item in enumerate(scenes[1].objects)
+        ),
         goal=replace(scenes[1].goal, object=f"{scenes[1].goal.object}; {scenes[1].goal_index}"),
     )
     of_first = [label for label in labels if label.scene == 0]
     of_second = [
-        replace(label, actions=names(ground(renamed), tuple(map(list(map(str, ground(scenes[1]).actions)).index, a))))
+        replace(
+            label,
+            actions=names(
+                ground(renamed), tuple(map(list(map(str, ground(scenes[1]).actions)).index, a))
+            ),
+        )
         for label in labels
         if label.scene == 1
         for a in [label.actions]
@@ -221,18 +234,6 @@ def test_sweeps_of_different_scenes_are_learned_from_together(folder: Path, tmp_
     assert len(twice.scenes) == 2 * len(once.scenes) and len(twice.actions) == 2 * len(once.actions)
 
 
-def test_shards_make_a_network(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    options = "--image-size 8 --rays 1 --batch 8 --least-feasible 2 --steps 4 --log-every 2 --checkpoint-every 4"
-    monkeypatch.setattr(sys, "argv", ["train", "--data", str(folder), "--out", str(tmp_path), *options.split()])
-    assert train.main() == 0
-    manifest = json.loads((tmp_path / "manifest.json").read_text())
-    examples = load_examples(folder)
-    assert 0 < manifest["counts"]["scenes"] <= len(examples.scenes)
-    assert manifest["counts"]["sequences"] <= len(examples.length)
-    code = Predictor.load(tmp_path / "network.npz").encode_scene(examples.scenes[0])
-    assert np.isfinite(code.input_gates).all()
-
-
 def test_manifest(folder: Path, labels: dict[Scene, list[Label]]) -> None:
     path = write_manifest(folder, command=["python", "-m", "dvr_jax.sweep", "--out", "a folder"])
     manifest = json.loads(path.read_text())
@@ -251,17 +252,3 @@ def test_manifest(folder: Path, labels: dict[Scene, list[Label]]) -> None:
     }
     for entry in manifest["shards"]:
         assert entry["sha256"] == hashlib.sha256((folder / entry["file"]).read_bytes()).hexdigest()
-
-
-def test_command_line(folder: Path, tmp_path: Path) -> None:
-    environment = os.environ | {"PYTHONPATH": os.getcwd()}
-    runs = [
-        subprocess.run(
-            [sys.executable, "-m", "dvr_jax.dataset", str(place)], capture_output=True, text=True, env=environment
-        )
-        for place in (folder, tmp_path)
-    ]
-    assert (runs[0].returncode, runs[0].stderr) == (0, "")
-    assert all(number in runs[0].stdout for number in ("25,736", "102,566", "2,741,573", "1,803,684", "7,926,696"))
-    assert runs[1].returncode == 2
-    assert runs[1].stderr.startswith("error: there is no shard in") and runs[1].stderr.count("\n") == 1

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 from synthetic import OPTIONS, synthetic
 
-from dvr_jax.dataset import Label, list_shards, write_shard
+from dvr_jax.dataset.labels import Label
+from dvr_jax.dataset.shards import list_shards, write_shard
 from dvr_jax.errors import DvrError
 
 SCENES, _ = synthetic(3, 4)
@@ -20,7 +21,9 @@ PREFIX = Label(3, (GRASP,), False, True, "pose", nan)
 
 def test_valid_ones_are_taken(tmp_path: Path) -> None:
     for number, labels in enumerate(([SOLUTION], [FAILURE], [PREFIX], [PREFIX, FAILURE], [])):
-        assert write_shard(tmp_path / f"{number}.parquet", SCENES, labels, OPTIONS).footer.labels == len(labels)
+        assert write_shard(
+            tmp_path / f"{number}.parquet", SCENES, labels, OPTIONS
+        ).footer.labels == len(labels)
 
 
 @pytest.mark.parametrize(

@@ -19,10 +19,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from synthetic import OPTIONS, synthetic
 
-from dvr_jax.dataset import Label, Shard, find_shards, list_shards, read_shard, same_rows, write_shard
 from dvr_jax.dataset.columns import VIOLATION_BITS, round_violation
-from dvr_jax.dataset.labels import same_label
-from dvr_jax.dataset.shards import KEY
+from dvr_jax.dataset.labels import Label, same_label
+from dvr_jax.dataset.shards import (
+    KEY,
+    Shard,
+    find_shards,
+    list_shards,
+    read_shard,
+    same_rows,
+    write_shard,
+)
 from dvr_jax.errors import DvrError
 
 
@@ -48,13 +55,20 @@ def test_scenes_without_labels_are_kept(tmp_path: Path) -> None:
         info = write_shard(tmp_path / "a.parquet", scenes, kept, OPTIONS)
         again = read_shard(info.path)
         assert (again.info.scenes, again.scenes) == (range(4), tuple(scenes.values()))
-        assert [label.actions for label in again.labels] == sorted((x.actions for x in kept), key=lambda a: (len(a), a))
+        assert [label.actions for label in again.labels] == sorted(
+            (x.actions for x in kept), key=lambda a: (len(a), a)
+        )
 
 
 def test_equal_sweeps_give_equal_files(tmp_path: Path, shard: Shard) -> None:
     scenes, labels = synthetic(0, 5)
     random.Random(0).shuffle(labels)
-    info = write_shard(tmp_path / "a.parquet", dict(reversed(scenes.items())), labels, dict(reversed(OPTIONS.items())))
+    info = write_shard(
+        tmp_path / "a.parquet",
+        dict(reversed(scenes.items())),
+        labels,
+        dict(reversed(OPTIONS.items())),
+    )
     assert info.path.read_bytes() == shard.info.path.read_bytes()
     assert same_rows(read_shard(info.path), shard)
 
@@ -86,7 +100,6 @@ def test_bytes_per_row(tmp_path: Path) -> None:
     """
     scenes, labels = synthetic(0, 100)
     info = write_shard(tmp_path / "a.parquet", scenes, labels, OPTIONS)
-    print(info.path.stat().st_size / len(labels))
     assert info.path.stat().st_size < 5 * len(labels)
 
 
@@ -109,7 +122,7 @@ import os, signal, sys
 from pathlib import Path
 sys.path.insert(0, {tests!r})
 from synthetic import OPTIONS, synthetic
-from dvr_jax.dataset import write_shard
+from dvr_jax.dataset.shards import write_shard
 def die(*_):
     os.kill(os.getpid(), signal.SIGKILL)
 os.{when} = die
@@ -122,9 +135,13 @@ def test_a_killed_writer_leaves_no_half_shard(when: str, tmp_path: Path) -> None
     path = tmp_path / "a.parquet"
     write_shard(path, *synthetic(0, 1, rows=5), OPTIONS)
     before = path.read_bytes()
-    program = WRITER.format(tests=str(Path(__file__).parent), path=str(path), when=when)
+    program = WRITER.format(
+        tests=str(Path(__file__).parents[1] / "support"), path=str(path), when=when
+    )
     environment = os.environ | {"PYTHONPATH": os.getcwd()}
-    ended = subprocess.run([sys.executable, "-c", program], timeout=60, env=environment, check=False)
+    ended = subprocess.run(
+        [sys.executable, "-c", program], timeout=60, env=environment, check=False
+    )
     assert ended.returncode == -signal.SIGKILL
     assert path.read_bytes() == before
     assert [info.path for info in list_shards(tmp_path)] == [path]
@@ -193,7 +210,9 @@ def test_foreign_files_are_refused(tmp_path: Path, shard: Shard) -> None:
     pq.write_table(table.replace_schema_metadata({KEY: json.dumps(footer | {"schema": 1})}), path)
     with pytest.raises(DvrError, match=r"a\.parquet is no whole shard"):
         read_shard(path)
-    optional = pa.schema([field.with_nullable(True) for field in table.schema], metadata=table.schema.metadata)
+    optional = pa.schema(
+        [field.with_nullable(True) for field in table.schema], metadata=table.schema.metadata
+    )
     pq.write_table(table.cast(optional), path)
     with pytest.raises(DvrError, match="no shard of labels"):
         read_shard(path)
@@ -206,7 +225,9 @@ def contradictions(table: pa.Table) -> Iterator[pa.Table]:
         values = table[column].to_pylist()
         values[row] = items(values[row])
         place = table.schema.get_field_index(column)
-        return table.set_column(place, table.schema.field(place), pa.array(values, table.schema.field(place).type))
+        return table.set_column(
+            place, table.schema.field(place), pa.array(values, table.schema.field(place).type)
+        )
 
     for column in ("length", "shared", "verdict", "action", "violation", "numbers"):
         yield changed(column, 1, lambda items: items[:-1])
@@ -232,7 +253,9 @@ def test_list_is_sorted_and_ignores_other_files(folder: Path, tmp_path: Path) ->
 def test_overlapping_and_disagreeing_shards_are_refused(tmp_path: Path) -> None:
     write_shard(tmp_path / "a.parquet", *synthetic(0, 3, rows=5), OPTIONS)
     write_shard(tmp_path / "b.parquet", *synthetic(2, 4, rows=5), OPTIONS)
-    with pytest.raises(DvrError, match=r"b\.parquet \(scenes 2 to 3\) and .*a\.parquet \(scenes 0 to 2\) overlap"):
+    with pytest.raises(
+        DvrError, match=r"b\.parquet \(scenes 2 to 3\) and .*a\.parquet \(scenes 0 to 2\) overlap"
+    ):
         list_shards(tmp_path)
     write_shard(tmp_path / "b.parquet", *synthetic(3, 4, rows=5), OPTIONS | {"k_max": 5})
     with pytest.raises(DvrError, match=r"different sweeps: k_max is 5 and 6"):
@@ -253,7 +276,9 @@ def test_overlapping_and_disagreeing_shards_are_refused(tmp_path: Path) -> None:
         ("a.parquet", [0], {"seed": 1, "out": Path()}, "cannot be written as JSON"),
     ],
 )
-def test_bad_requests(name: str, indices: list[int], options: dict[str, object], message: str, tmp_path: Path) -> None:
+def test_bad_requests(
+    name: str, indices: list[int], options: dict[str, object], message: str, tmp_path: Path
+) -> None:
     scenes = synthetic(0, 3, rows=1)[0]
     with pytest.raises(DvrError, match=message):
         write_shard(tmp_path / name, {index: scenes[index] for index in indices}, [], options)

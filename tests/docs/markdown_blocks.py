@@ -35,7 +35,9 @@ def read_blocks(page: Path) -> list[Block]:
     for token in MarkdownIt().parse(page.read_text(encoding="utf-8")):
         if token.type == "fence" and token.info in ("python", "bash"):
             assert token.map is not None
-            marked = before is not None and before.type == "html_block" and NOT_RUN in before.content
+            marked = (
+                before is not None and before.type == "html_block" and NOT_RUN in before.content
+            )
             blocks.append(Block(token.info, token.content, token.map[0] + 2, not marked))
         before = token
 
@@ -49,7 +51,12 @@ def run_page(page: Path, folder: Path) -> None:
 
     for block in read_blocks(page):
         if block.language == "bash":
-            subprocess.run(["bash", "-euc", block.code], check=True, cwd=folder, env={**os.environ, "PATH": scripts})
+            subprocess.run(
+                ["bash", "-euc", block.code],
+                check=True,
+                cwd=folder,
+                env={**os.environ, "PATH": scripts},
+            )
             continue
         # Empty lines in front make a traceback name the line of the page.
         program = compile("\n" * (block.line - 1) + block.code, str(page), "exec")

@@ -13,7 +13,12 @@ import pytest
 from markdown_blocks import SLOW, read_blocks, run_page
 
 REPOSITORY = Path(__file__).parents[2]
-PAGES = [REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").rglob("*.md"))]
+VIEWER = REPOSITORY / "docs" / "tutorials" / "trajectories.md"
+"""The page whose last block needs a viewer: a test of its own runs it."""
+
+PAGES = [REPOSITORY / "README.md", *sorted({*(REPOSITORY / "docs").rglob("*.md")} - {VIEWER})]
+"""All other pages."""
+
 LARGEST_README = 7168
 """Bytes."""
 
@@ -25,7 +30,9 @@ def page_parameter(page: Path) -> object:
 
 
 @pytest.mark.parametrize("page", [page_parameter(page) for page in PAGES if read_blocks(page)])
-def test_the_code_of_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_code_of_a_page_runs(
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     run_page(page, tmp_path)
 
@@ -38,7 +45,9 @@ def test_the_readme_is_short_and_begins_with_the_animation() -> None:
 
 def test_blocks_are_found_with_their_lines(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
-    page.write_text("text\n\n```python\na = 1\n```\n\n<!-- not run: no display -->\n```python\n1 / 0\n```\n\n```json\n{}\n```\n")
+    first = "text\n\n```python\na = 1\n```\n\n"
+    second = "<!-- not run: no display -->\n```python\n1 / 0\n```\n\n"
+    page.write_text(f"{first}{second}```json\n{{}}\n```\n")
     assert [(block.code, block.line, block.runs) for block in read_blocks(page)] == [
         ("a = 1\n", 4, True),
         ("1 / 0\n", 9, False),
@@ -55,11 +64,10 @@ def test_an_error_names_the_line_of_the_page(tmp_path: Path) -> None:
 
 
 def test_the_viewer_sees_every_state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The block that plays a trajectory, with a viewer that has no window."""
-    page = REPOSITORY / "docs" / "tutorials" / "trajectories.md"
-    [viewing] = [block.code for block in read_blocks(page) if not block.runs]
+    """All blocks of the page; the one that plays the trajectory gets a viewer without a window."""
+    [viewing] = [block.code for block in read_blocks(VIEWER) if not block.runs]
     monkeypatch.chdir(tmp_path)
-    run_page(page, tmp_path)
+    run_page(VIEWER, tmp_path)
 
     seen: list[np.ndarray] = []
     slept: list[float] = []

@@ -27,7 +27,9 @@ def test_the_site_builds_and_lists_every_public_name(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
 
     page = (tmp_path / "site" / "api.html").read_text(encoding="utf-8")
-    assert [name for name in dvr_jax.__all__ if f'id="dvr_jax.{name}"' not in page and name[0] != "_"] == []
+    assert [
+        name for name in dvr_jax.__all__ if f'id="dvr_jax.{name}"' not in page and name[0] != "_"
+    ] == []
 
 
 @pytest.mark.parametrize(
@@ -39,7 +41,9 @@ def test_the_site_builds_and_lists_every_public_name(tmp_path: Path) -> None:
         ("{py:func}`dvr_jax.no_such_function`", "dvr_jax.no_such_function"),
     ],
 )
-def test_a_reference_that_leads_nowhere_fails_the_build(text: str, complaint: str, tmp_path: Path) -> None:
+def test_a_reference_that_leads_nowhere_fails_the_build(
+    text: str, complaint: str, tmp_path: Path
+) -> None:
     source = tmp_path / "docs"
     source.mkdir()
     (source / "index.md").write_text(f"# Title\n\n{text}\n")

@@ -61,14 +61,18 @@ def test_film_refuses_actions_that_do_not_fit_the_motion(tmp_path: Path) -> None
 def test_animation_is_small_and_keeps_the_time(tmp_path: Path) -> None:
     save_animation(tmp_path / "plan.gif", SCENE, swing(SCENE, 101, ()), frames_per_second=4.0)
     with Image.open(tmp_path / "plan.gif") as animation:
-        assert animation.format == "GIF" and animation.size == (320, 200) and animation.n_frames == 9
+        assert (
+            animation.format == "GIF" and animation.size == (320, 200) and animation.n_frames == 9
+        )
         milliseconds = []
         for frame in range(animation.n_frames):
             animation.seek(frame)
             milliseconds.append(animation.info["duration"])
         picture = np.asarray(animation.convert("RGB")).astype(float)
     assert sum(milliseconds[:-1]) == pytest.approx(2000, abs=8 * 10) and milliseconds[-1] == 1500
-    assert ((picture[..., 0] > 170) & (picture[..., 1] < 60)).sum() > 100  # the goal stays red in the palette
+    assert (
+        (picture[..., 0] > 170) & (picture[..., 1] < 60)
+    ).sum() > 100  # the goal stays red in the palette
     assert (tmp_path / "plan.gif").stat().st_size < 300_000
 
 
@@ -101,9 +105,17 @@ def test_depth_picture_shows_every_mask_in_its_colour(tmp_path: Path) -> None:
 @pytest.mark.parametrize("count", [1, 8])
 def test_odd_names_and_many_objects(tmp_path: Path, count: int) -> None:
     names = ["two\nlines \x01 \ud800 日本" + " long" * 60, *"abcdefg"][:count]
-    objects = [SceneObject(name, "cylinder", (0.03, 0.3), (0.1 * i - 0.4, 0.3), 0.0) for i, name in enumerate(names)]
+    objects = [
+        SceneObject(name, "cylinder", (0.03, 0.3), (0.1 * i - 0.4, 0.3), 0.0)
+        for i, name in enumerate(names)
+    ]
     scene = make_scene(objects, OnRegion(names[0], Region((0.0, -0.3), 0.3, (0.1, 0.1))))
-    save_film(tmp_path / "film.png", scene, [f"left grasps {names[0]} at its +x face"], swing(scene, 10, (5,)))
+    save_film(
+        tmp_path / "film.png",
+        scene,
+        [f"left grasps {names[0]} at its +x face"],
+        swing(scene, 10, (5,)),
+    )
     save_depth_picture(tmp_path / "depth.png", scene)
     assert Image.open(tmp_path / "film.png").size == (12 + 2 * 452, 56 + 275 + 34 + 12)
     assert Image.open(tmp_path / "depth.png").size[1] == 40 + 512 + 12

@@ -29,7 +29,9 @@ def test_shows_the_goal_the_objects_and_both_arms() -> None:
     blue = (image[..., 2] > 90) & (image[..., 0] < 60)
     white = image.min(axis=2) > 225
     assert red.sum() > 100 and yellow.sum() > 100 and blue.sum() > 100
-    assert np.nonzero(red)[1].min() > 160 > np.nonzero(yellow)[1].max()  # the goal on the right, yellow on the left
+    assert (
+        np.nonzero(red)[1].min() > 160 > np.nonzero(yellow)[1].max()
+    )  # the goal on the right, yellow on the left
     assert white[:, :160].sum() > 50 and white[:, 160:].sum() > 50
 
 
@@ -38,7 +40,9 @@ def test_the_whole_table_is_in_the_picture() -> None:
     x, y = Table().half_extents
     bases = [arm.position for workcell in WORKCELLS.values() for arm in workcell.arms]
     points = np.array([[sx * x, sy * y, 0.0] for sx in (-1, 1) for sy in (-1, 1)])
-    points = np.vstack([points, [[base[0], base[1], 0.9] for base in bases]]) - PICTURE_CAMERA.position
+    points = (
+        np.vstack([points, [[base[0], base[1], 0.9] for base in bases]]) - PICTURE_CAMERA.position
+    )
     rays = PICTURE_CAMERA.pixel_rays(320, 200)
     rays = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
     points /= np.linalg.norm(points, axis=1, keepdims=True)
@@ -48,7 +52,9 @@ def test_the_whole_table_is_in_the_picture() -> None:
 
 
 def test_color_of_a_lit_face_keeps_its_hue() -> None:
-    scene = make_scene([SceneObject("blue", "box", (0.1, 0.1, 0.1), (0.0, 0.0), 0.0)], _goal("blue"))
+    scene = make_scene(
+        [SceneObject("blue", "box", (0.1, 0.1, 0.1), (0.0, 0.0), 0.0)], _goal("blue")
+    )
     model = build_model(scene)
     image = render_picture(model, build_home_data(model), 65, 65, ABOVE)
     shade = image[32, 32] / np.array(object_colors(scene)[0]) / 255
@@ -56,9 +62,13 @@ def test_color_of_a_lit_face_keeps_its_hue() -> None:
 
 
 def test_a_tall_object_throws_a_shadow() -> None:
-    scene = make_scene([SceneObject("green", "box", (0.1, 0.1, 0.2), (0.0, 0.0), 0.0)], _goal("green"))
+    scene = make_scene(
+        [SceneObject("green", "box", (0.1, 0.1, 0.2), (0.0, 0.0), 0.0)], _goal("green")
+    )
     model = build_model(scene)
-    image = render_picture(model, build_home_data(model), 129, 129, ABOVE).astype(float).mean(axis=2)
+    image = (
+        render_picture(model, build_home_data(model), 129, 129, ABOVE).astype(float).mean(axis=2)
+    )
     towards_lamp, away = image[78:84, 60:66].mean(), image[45:51, 66:70].mean()
     assert away < 0.75 * towards_lamp
 
@@ -80,7 +90,10 @@ def test_both_spellings_of_gray_are_one_color() -> None:
 
 def test_colors_are_distinct() -> None:
     names = ["grey", "red", "x", "y", "z", "blue", "u", "v"]
-    objects = [SceneObject(name, "box", (0.05, 0.05, 0.05), (0.0, -0.4 + 0.1 * i), 0.0) for i, name in enumerate(names)]
+    objects = [
+        SceneObject(name, "box", (0.05, 0.05, 0.05), (0.0, -0.4 + 0.1 * i), 0.0)
+        for i, name in enumerate(names)
+    ]
     assert len(set(object_colors(make_scene(objects, _goal("x"))))) == 8
 
 

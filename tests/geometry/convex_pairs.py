@@ -1,4 +1,4 @@
-"""Random pairs of convex bodies, and their distances by MuJoCo and by direct minimisation."""
+"""Random pairs of convex bodies, and their distances by MuJoCo and by direct minimization."""
 
 from dataclasses import dataclass, replace
 
@@ -35,36 +35,44 @@ class Bodies:
         return self.center - axis, self.center + axis
 
     def as_arguments(self) -> tuple[object, ...]:
-        """As `dvr_jax.geometry.distances` takes them."""
+        """Arguments for the distance functions of `dvr_jax.geometry`."""
         if self.kind == "capsule":
             start, end = self.ends
             return components(start), components(end), self.size[:, 0]
         zero = np.zeros(len(self.size))
-        half = (*self.size.T, zero) if self.kind == "box" else (zero, zero, self.size[:, 1], self.size[:, 0])
-        return columns(self.rotation), components(self.center), np.stack(half)
+        of_box = (*self.size.T, zero)
+        of_cylinder = (zero, zero, self.size[:, 1], self.size[:, 0])
+        prism = np.stack(of_box if self.kind == "box" else of_cylinder)
+        return columns(self.rotation), components(self.center), prism
 
     def moved(self, twist: Floats, amount: float) -> "Bodies":
         """All bodies after a motion by ``amount`` along a twist (angular velocity, velocity at the world's origin)."""
         turn = Rotation.from_rotvec(amount * twist[:3]).as_matrix()
-        return replace(self, rotation=turn @ self.rotation, center=self.center @ turn.T + amount * twist[3:])
+        return replace(
+            self, rotation=turn @ self.rotation, center=self.center @ turn.T + amount * twist[3:]
+        )
 
 
 def components(v: Floats) -> Floats:
-    """(..., 3) to (3, ...)."""
+    """Move the component axis to the front: (..., 3) to (3, ...)."""
     return np.moveaxis(v, -1, 0)
 
 
 def columns(R: Floats) -> Floats:
-    """(..., 3, 3) to (3, 3, ...), columns first."""
+    """Move the matrix axes to the front, columns first: (..., 3, 3) to (3, 3, ...)."""
     return np.moveaxis(R, (-1, -2), (0, 1))
 
 
-def sample_bodies(kind: str, n: int, seed: int, spread: float = 0.12, upright: bool = False) -> Bodies:
+def sample_bodies(
+    kind: str, n: int, seed: int, spread: float = 0.12, upright: bool = False
+) -> Bodies:
     """Bodies of the sizes that scenes have, around the origin: some apart, some deep in each other."""
     generator = np.random.default_rng([seed, len(kind)])
     size = generator.uniform(0.02, 0.15, (n, 3))
     if kind == "capsule":
-        size = np.stack([generator.uniform(0.01, 0.06, n), generator.uniform(0.01, 0.2, n), np.zeros(n)], axis=1)
+        size = np.stack(
+            [generator.uniform(0.01, 0.06, n), generator.uniform(0.01, 0.2, n), np.zeros(n)], axis=1
+        )
     elif kind == "cylinder":
         size[:, 2] = 0
     rotation = Rotation.random(n, random_state=generator).as_matrix()
@@ -87,13 +95,16 @@ def mujoco_distances(first: Bodies, second: Bodies | None) -> tuple[Floats, Floa
     """
     spec = mujoco.MjSpec()
     # The defaults (1e-6 m, 35 iterations) are looser than what is tested here.
-    spec.option.ccd_tolerance, spec.option.ccd_iterations = 1e-12, 500
+    spec.option.ccd_tolerance = 1e-12
+    spec.option.ccd_iterations = 500
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 1])
     sides = [first] if second is None else [first, second]
     for bodies in sides:
         for R, p, size in zip(bodies.rotation, bodies.center, bodies.size, strict=True):
             quaternion = Rotation.from_matrix(R).as_quat(scalar_first=True)
-            spec.worldbody.add_body(pos=p, quat=quaternion).add_geom(type=GEOM[bodies.kind], size=size)
+            spec.worldbody.add_body(pos=p, quat=quaternion).add_geom(
+                type=GEOM[bodies.kind], size=size
+            )
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
@@ -101,7 +112,9 @@ def mujoco_distances(first: Bodies, second: Bodies | None) -> tuple[Floats, Floa
     witness = np.zeros((n, 6))
     distance = np.array(
         [
-            mujoco.mj_geomDistance(model, data, 1 + i, 0 if second is None else 1 + n + i, MAXIMUM_DISTANCE, witness[i])
+            mujoco.mj_geomDistance(
+                model, data, 1 + i, 0 if second is None else 1 + n + i, MAXIMUM_DISTANCE, witness[i]
+            )
             for i in range(n)
         ]
     )
@@ -116,15 +129,20 @@ def point_distance(x: Floats, kind: str, size: Floats) -> Floats:
         excess = np.abs(x) - size
     else:
         excess = np.stack([np.hypot(x[:, 0], x[:, 1]) - size[0], np.abs(x[:, 2]) - size[1]], axis=1)
-    return np.where((excess > 0).any(1), np.linalg.norm(np.maximum(excess, 0), axis=1), excess.max(1))
+    return np.where(
+        (excess > 0).any(1), np.linalg.norm(np.maximum(excess, 0), axis=1), excess.max(1)
+    )
 
 
 def deepest_of_axis(capsules: Bodies, prisms: Bodies, samples: int = 801) -> Floats:
-    """Least signed distance (n,) of each capsule's segment to its prism: sampled, then minimised between neighbours."""
+    """Least signed distance (n,) of each capsule's segment to its prism: sampled, then minimized between neighbors."""
     start, end = capsules.ends
     best = np.zeros(len(start))
-    for i, (a, b, R, p, size) in enumerate(zip(start, end, prisms.rotation, prisms.center, prisms.size, strict=True)):
-        a, b = (a - p) @ R, (b - p) @ R
+    for i, (a, b, R, p, size) in enumerate(
+        zip(start, end, prisms.rotation, prisms.center, prisms.size, strict=True)
+    ):
+        a = (a - p) @ R
+        b = (b - p) @ R
 
         def at(t: Floats | float, a: Floats = a, b: Floats = b, size: Floats = size) -> Floats:
             return point_distance(a + np.multiply.outer(np.atleast_1d(t), b - a), prisms.kind, size)
@@ -133,6 +151,8 @@ def deepest_of_axis(capsules: Bodies, prisms: Bodies, samples: int = 801) -> Flo
         values = at(t)
         k = int(values.argmin())
         bounds = (t[max(k - 1, 0)], t[min(k + 1, samples - 1)])
-        found = minimize_scalar(lambda t: at(t)[0], bounds=bounds, method="bounded", options={"xatol": 1e-12})
+        found = minimize_scalar(
+            lambda t: at(t)[0], bounds=bounds, method="bounded", options={"xatol": 1e-12}
+        )
         best[i] = min(values[k], found.fun)
     return best

@@ -12,7 +12,10 @@ def test_arctan2(dtype: type, tolerance: float) -> None:
     generator = np.random.default_rng(0)
     y, x = generator.normal(size=(2, 200_000)) * np.exp(4 * generator.normal(size=(2, 200_000)))
     ends = np.array([-1.0, 0.0, 1.0])
-    y, x = (np.append(some, grid).astype(dtype) for some, grid in zip((y, x), np.meshgrid(ends, ends), strict=True))
+    y, x = (
+        np.append(some, grid).astype(dtype)
+        for some, grid in zip((y, x), np.meshgrid(ends, ends), strict=True)
+    )
     with jax.enable_x64(dtype is np.float64):
         angle = np.asarray(jax.jit(arctan2)(y, x))
     assert angle.dtype == dtype

@@ -1,4 +1,4 @@
-"""Signed distances against `mj_geomDistance`, and against direct minimisation where MuJoCo is the less exact one."""
+"""Signed distances against `mj_geomDistance`, and against direct minimization where MuJoCo is less exact."""
 
 from functools import cache, partial
 
@@ -7,17 +7,14 @@ import numpy as np
 import pytest
 from convex_pairs import Bodies, Floats, deepest_of_axis, mujoco_distances, sample_bodies
 
-from dvr_jax.geometry.distances import (
-    capsule_capsule,
-    capsule_plane,
-    capsule_prism,
-    point_prism,
-    prism_plane,
-    prism_prism,
-)
+from dvr_jax.geometry.capsule_prism import capsule_prism
+from dvr_jax.geometry.capsules import capsule_capsule, capsule_plane
+from dvr_jax.geometry.prism_prism import prism_prism
+from dvr_jax.geometry.prisms import point_prism, prism_plane
 
 PAIRS = 800
-RELATIVE, ABSOLUTE = 1e-6, 1e-9
+RELATIVE = 1e-6
+ABSOLUTE = 1e-9
 
 KINDS = pytest.mark.parametrize("kind", ["box", "cylinder"])
 
@@ -33,20 +30,25 @@ def assert_equal(ours: Floats, reference: Floats) -> None:
 
 
 def require(*enough: np.bool_) -> None:
-    """The sample itself is good; no AssertionError, so that an expected failure cannot hide behind it."""
+    """Demand that a sample has enough cases of each kind.
+
+    It raises no AssertionError, so that an expected failure cannot hide a bad sample.
+    """
     if not all(enough):
         raise ValueError("the sample has too few of the cases that the test is about")
 
 
 def test_capsule_capsule() -> None:
-    first, second = sample_bodies("capsule", PAIRS, 1), sample_bodies("capsule", PAIRS, 2)
+    first = sample_bodies("capsule", PAIRS, 1)
+    second = sample_bodies("capsule", PAIRS, 2)
     reference, _ = mujoco_distances(first, second)
     require((reference < 0).sum() > 50, (reference > 0).sum() > 50)
     assert_equal(distances(capsule_capsule, first, second), reference)
 
 
 def test_parallel_capsules() -> None:
-    first, second = sample_bodies("capsule", 200, 1), sample_bodies("capsule", 200, 2)
+    first = sample_bodies("capsule", 200, 1)
+    second = sample_bodies("capsule", 200, 2)
     second = Bodies("capsule", first.rotation, second.center, second.size)
     reference, _ = mujoco_distances(first, second)
     assert_equal(distances(capsule_capsule, first, second), reference)
@@ -68,10 +70,12 @@ def test_prism_plane(kind: str) -> None:
 @cache
 def axis_outside(kind: str) -> tuple[Bodies, Bodies, Floats]:
     """Capsules and prisms, the capsule's axis outside the prism, with their distance by MuJoCo."""
-    capsules, prisms = sample_bodies("capsule", PAIRS, 5, spread=0.15), sample_bodies(kind, PAIRS, 6, spread=0.05)
-    # TrialUpdate by the axis itself, because MuJoCo may err in deep contact.
+    capsules = sample_bodies("capsule", PAIRS, 5, spread=0.15)
+    prisms = sample_bodies(kind, PAIRS, 6, spread=0.05)
+    # The axis itself decides, because MuJoCo may err in deep contact.
     outside = deepest_of_axis(capsules, prisms, samples=101) > 1e-6
-    capsules, prisms = capsules[outside], prisms[outside]
+    capsules = capsules[outside]
+    prisms = prisms[outside]
     reference, _ = mujoco_distances(capsules, prisms)
     require((reference < 0).sum() > 60, (reference > 0).sum() > 300)
     return capsules, prisms, reference
@@ -90,10 +94,8 @@ def test_capsule_prism_with_the_axis_inside(kind: str) -> None:
     Not compared with MuJoCo: for capsules whose axis enters a box `mj_geomDistance` 4.0.0 reports up to 9 cm less than
     the depth of a single ball of the capsule, which is a lower bound.
     """
-    capsules, prisms = (
-        sample_bodies("capsule", PAIRS // 2, 7, spread=0.06),
-        sample_bodies(kind, PAIRS // 2, 8, spread=0.06),
-    )
+    capsules = sample_bodies("capsule", PAIRS // 2, 7, spread=0.06)
+    prisms = sample_bodies(kind, PAIRS // 2, 8, spread=0.06)
     deepest = deepest_of_axis(capsules, prisms)
     inside = deepest < 0
     require(inside.sum() > 150)
@@ -103,7 +105,8 @@ def test_capsule_prism_with_the_axis_inside(kind: str) -> None:
     np.testing.assert_allclose(ours, reference, atol=3e-4)
 
 
-CYLINDER, BOX = (0, 0, 0.03, 0.08), (0.02, 0.05, 0.20, 0)
+CYLINDER = (0, 0, 0.03, 0.08)
+BOX = (0.02, 0.05, 0.20, 0)
 IN_LINE = [
     # Along, into and through a cylinder's axis; on a box' plane of symmetry, along an edge's direction, beside a face.
     ((0.0, 0.0, 0.3), (0.0, 0.0, 0.0), CYLINDER, -0.03),
@@ -120,12 +123,12 @@ IN_LINE = [
 
 
 def test_axes_in_line_with_a_prism() -> None:
-    """What random pairs never are. All against the deepest of many points of the axis, some also by hand."""
-    a, b, half = (np.array(values, float).T for values in list(zip(*IN_LINE, strict=True))[:3])
+    """Special positions that random pairs never have, against the deepest of many points of the axis and by hand."""
+    a, b, prism = (np.array(values, float).T for values in list(zip(*IN_LINE, strict=True))[:3])
     same = np.eye(3)[:, :, None]
-    distance, wrench = jax.jit(capsule_prism)(a, b, 0.0, same, np.zeros((3, 1)), half)
+    distance, wrench = jax.jit(capsule_prism)(a, b, 0.0, same, np.zeros((3, 1)), prism)
     points = a + np.linspace(0, 1, 10_001)[:, None, None] * (b - a)
-    deepest, _ = point_prism(np.moveaxis(points, 0, 1), half[:, None])
+    deepest, _ = point_prism(np.moveaxis(points, 0, 1), prism[:, None])
     np.testing.assert_allclose(distance, np.asarray(deepest).min(axis=0), atol=3e-5)
     for ours, (*_, by_hand) in zip(distance, IN_LINE, strict=True):
         assert by_hand is None or ours == pytest.approx(by_hand, abs=1e-6)
@@ -133,10 +136,8 @@ def test_axes_in_line_with_a_prism() -> None:
 
 
 def test_depth_of_the_axis_is_a_lower_bound() -> None:
-    capsules, prisms = (
-        sample_bodies("capsule", PAIRS // 2, 7, spread=0.06),
-        sample_bodies("cylinder", PAIRS // 2, 8, spread=0.06),
-    )
+    capsules = sample_bodies("capsule", PAIRS // 2, 7, spread=0.06)
+    prisms = sample_bodies("cylinder", PAIRS // 2, 8, spread=0.06)
     reference, _ = mujoco_distances(capsules, prisms)
     ours = distances(capsule_prism, capsules, prisms)
     assert (reference <= ours + 1e-8).all()
@@ -147,8 +148,11 @@ PRISMS = pytest.mark.parametrize(("a", "b"), COMBINATIONS)
 
 
 @cache
-def prism_case(a: str, b: str, spread: float = 0.1) -> tuple[Bodies, Bodies, Floats, Floats, Floats]:
-    first, second = sample_bodies(a, PAIRS, 9, spread), sample_bodies(b, PAIRS, 10, spread)
+def prism_case(
+    a: str, b: str, spread: float = 0.1
+) -> tuple[Bodies, Bodies, Floats, Floats, Floats]:
+    first = sample_bodies(a, PAIRS, 9, spread)
+    second = sample_bodies(b, PAIRS, 10, spread)
     reference, normal = mujoco_distances(first, second)
     require((reference > 0).sum() > 200, (reference < 0).sum() > 200)
     return first, second, reference, normal, distances(prism_prism, first, second)
@@ -186,7 +190,7 @@ def upright_pair(kind: str) -> tuple[Bodies, Bodies]:
 
 
 def upright_cylinder_distance(first: Bodies, second: Bodies) -> Floats:
-    """On paper: gaps along the horizontal and along z, together where both are positive."""
+    """Distance by hand: the gaps along the horizontal and along z, or both of them where both are positive."""
     apart = first.center - second.center
     horizontal = np.linalg.norm(apart[:, :2], axis=1) - first.size[:, 0] - second.size[:, 0]
     vertical = np.abs(apart[:, 2]) - first.size[:, 1] - second.size[:, 1]
@@ -203,10 +207,12 @@ def test_upright_cylinders_are_exact_beside_and_above_each_other() -> None:
 
 @pytest.mark.parametrize("kind", ["box", "cylinder"])
 def test_bodies_on_one_level_are_exact(kind: str) -> None:
-    """Two equal objects on the table: their centres have exactly the same height."""
+    """Two equal objects on the table: their centers have exactly the same height."""
     first, second = upright_pair(kind)
     second.center[:, 2] = first.center[:, 2]
-    second.center[::4, 1], first.rotation[::4], second.rotation[::4] = first.center[::4, 1], np.eye(3), np.eye(3)
+    second.center[::4, 1] = first.center[::4, 1]
+    first.rotation[::4] = np.eye(3)
+    second.rotation[::4] = np.eye(3)
     reference, normal = mujoco_distances(first, second)
     level = np.abs(normal[:, 2]) < 1e-9
     exact = (reference < 0) | (level if kind == "cylinder" else face_is_nearest(first, normal))

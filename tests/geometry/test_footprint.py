@@ -8,12 +8,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dvr_jax.geometry.footprint import Circle, Footprint, Rectangle, contains_point, fits, inside, signed_distance
+from dvr_jax.geometry.footprint import (
+    Circle,
+    Footprint,
+    Rectangle,
+    contains_point,
+    fits,
+    inside,
+    signed_distance,
+)
 
 lengths = st.floats(0.01, 0.2)
 coordinates = st.floats(-0.3, 0.3)
 angles = st.floats(-math.pi, math.pi)
-rectangles = st.builds(Rectangle, st.tuples(coordinates, coordinates), st.tuples(lengths, lengths), angles)
+rectangles = st.builds(
+    Rectangle, st.tuples(coordinates, coordinates), st.tuples(lengths, lengths), angles
+)
 circles = st.builds(Circle, st.tuples(coordinates, coordinates), lengths)
 
 
@@ -36,7 +46,8 @@ def mujoco_distance(first: Footprint, second: Footprint) -> float:
 @settings(max_examples=150, deadline=None)
 @given(rectangles | circles, rectangles | circles)
 def test_agrees_with_mujoco(first: Footprint, second: Footprint) -> None:
-    own, peer = signed_distance(first, second), mujoco_distance(first, second)
+    own = signed_distance(first, second)
+    peer = mujoco_distance(first, second)
     assert own == pytest.approx(signed_distance(second, first), abs=1e-12)
     # MuJoCo's distance of solids is iterative, and of deep overlaps an upper bound: magnitudes are compared apart.
     if own > 1e-4:
@@ -47,7 +58,9 @@ def test_agrees_with_mujoco(first: Footprint, second: Footprint) -> None:
 
 @settings(max_examples=200, deadline=None)
 @given(rectangles, rectangles, st.integers(0, 2**32 - 1))
-def test_inside_and_overlap_by_sampled_points(inner: Rectangle, outer: Rectangle, seed: int) -> None:
+def test_inside_and_overlap_by_sampled_points(
+    inner: Rectangle, outer: Rectangle, seed: int
+) -> None:
     local = np.random.default_rng(seed).uniform(-1, 1, (40, 2))
     points = np.asarray(inner.center) + (local * np.asarray(inner.half)) @ inner.axes()
     contained = [contains_point((float(x), float(y)), outer) for x, y in points]
@@ -61,20 +74,29 @@ def test_known_distances() -> None:
     square = Rectangle((0.0, 0.0), (1.0, 1.0), math.pi / 4)
     assert signed_distance(square, Circle((3.0, 0.0), 0.5)) == pytest.approx(3 - math.sqrt(2) - 0.5)
     assert signed_distance(square, Circle((0.0, 0.0), 0.5)) == pytest.approx(-1.5)
-    assert signed_distance(square, Rectangle((4.0, 0.0), (1.0, 3.0), 0.0)) == pytest.approx(3 - math.sqrt(2))
+    assert signed_distance(square, Rectangle((4.0, 0.0), (1.0, 3.0), 0.0)) == pytest.approx(
+        3 - math.sqrt(2)
+    )
     assert signed_distance(Circle((0.0, 0.0), 1.0), Circle((3.0, 4.0), 1.5)) == pytest.approx(2.5)
     assert inside(Circle((0.0, 0.0), 1.0), square) and not inside(Circle((0.01, 0.0), 1.0), square)
 
 
 @settings(deadline=None, max_examples=200)
 @given(st.tuples(*[st.floats(0.01, 0.3)] * 2), st.tuples(*[st.floats(0.01, 0.3)] * 2))
-def test_what_fits_fits_at_some_angle(half: tuple[float, float], sides: tuple[float, float]) -> None:
+def test_what_fits_fits_at_some_angle(
+    half: tuple[float, float], sides: tuple[float, float]
+) -> None:
     angle = np.linspace(0, np.pi, 20_001)
-    c, s = np.abs(np.cos(angle)), np.abs(np.sin(angle))
-    spare = np.minimum(sides[0] - 2 * (half[0] * c + half[1] * s), sides[1] - 2 * (half[0] * s + half[1] * c)).max()
+    c = np.abs(np.cos(angle))
+    s = np.abs(np.sin(angle))
+    spare = np.minimum(
+        sides[0] - 2 * (half[0] * c + half[1] * s), sides[1] - 2 * (half[0] * s + half[1] * c)
+    ).max()
     if abs(spare) > 1e-4:  # else the angles tried are too few
         assert fits(Rectangle((1.0, 2.0), half, 0.3), sides) == (spare > 0)
 
 
 def test_a_circle_fits_by_its_diameter() -> None:
-    assert fits(Circle((0.0, 0.0), 0.1), (0.3, 0.2)) and not fits(Circle((0.0, 0.0), 0.11), (0.2, 0.3))
+    assert fits(Circle((0.0, 0.0), 0.1), (0.3, 0.2)) and not fits(
+        Circle((0.0, 0.0), 0.11), (0.2, 0.3)
+    )

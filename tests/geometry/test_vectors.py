@@ -33,10 +33,13 @@ def matrices(R: vectors.Rotation) -> np.ndarray:
 
 def test_vector_algebra(arrows: tuple[np.ndarray, np.ndarray]) -> None:
     a, b = arrows
-    u, v = components(a), components(b)
+    u = components(a)
+    v = components(b)
     np.testing.assert_allclose(vectors.dot(u, v), np.einsum("ni,ni->n", a, b), **TIGHT)
     np.testing.assert_allclose(stacked(vectors.cross(u, v)), np.cross(a, b), **TIGHT)
-    np.testing.assert_allclose(stacked(vectors.normalize(u)), a / np.linalg.norm(a, axis=1)[:, None], **TIGHT)
+    np.testing.assert_allclose(
+        stacked(vectors.normalize(u)), a / np.linalg.norm(a, axis=1)[:, None], **TIGHT
+    )
 
 
 def test_normalize_keeps_zero() -> None:
@@ -44,11 +47,16 @@ def test_normalize_keeps_zero() -> None:
 
 
 def test_rotations(turns: tuple[Rotation, Rotation], arrows: tuple[np.ndarray, np.ndarray]) -> None:
-    (first, second), (a, _) = turns, arrows
-    R, Q, v = columns(first.as_matrix()), columns(second.as_matrix()), components(a)
+    first, second = turns
+    a, _ = arrows
+    R = columns(first.as_matrix())
+    Q = columns(second.as_matrix())
+    v = components(a)
     np.testing.assert_allclose(stacked(vectors.rotate(R, v)), first.apply(a), **TIGHT)
     np.testing.assert_allclose(stacked(vectors.rotate_back(R, v)), first.inv().apply(a), **TIGHT)
-    np.testing.assert_allclose(matrices(vectors.compose(R, Q)), (first * second).as_matrix(), **TIGHT)
+    np.testing.assert_allclose(
+        matrices(vectors.compose(R, Q)), (first * second).as_matrix(), **TIGHT
+    )
     np.testing.assert_allclose(matrices(vectors.transpose(R)), first.inv().as_matrix(), **TIGHT)
 
 
@@ -62,7 +70,9 @@ def test_rotation_about_z() -> None:
 def test_rotation_angle(angle: float) -> None:
     axis = np.random.default_rng(3).normal(size=(N, 3))
     turn = Rotation.from_rotvec(angle * axis / np.linalg.norm(axis, axis=1)[:, None])
-    np.testing.assert_allclose(vectors.rotation_angle(columns(turn.as_matrix())), angle, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(
+        vectors.rotation_angle(columns(turn.as_matrix())), angle, rtol=1e-12, atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-4, 0.3, 1.5, 2.9])

@@ -7,7 +7,10 @@ import numpy as np
 import pytest
 from convex_pairs import Bodies, Floats, deepest_of_axis, mujoco_distances, sample_bodies
 
-from dvr_jax.geometry.distances import capsule_capsule, capsule_plane, capsule_prism, prism_plane, prism_prism
+from dvr_jax.geometry.capsule_prism import capsule_prism
+from dvr_jax.geometry.capsules import capsule_capsule, capsule_plane
+from dvr_jax.geometry.prism_prism import prism_prism
+from dvr_jax.geometry.prisms import prism_plane
 
 PAIRS = 250
 STEP = 1e-5
@@ -22,7 +25,9 @@ def assert_wrench_is_derivative(function: Callable[..., object], *bodies: Bodies
     compiled = jax.jit(function)
 
     def evaluate(*moved: Bodies) -> tuple[Floats, Floats]:
-        distance, wrench = compiled(*(argument for body in moved for argument in body.as_arguments()))
+        distance, wrench = compiled(
+            *(argument for body in moved for argument in body.as_arguments())
+        )
         return np.asarray(distance), np.stack(np.broadcast_arrays(*wrench), axis=-1)
 
     _, wrench = evaluate(*bodies)
@@ -34,22 +39,29 @@ def assert_wrench_is_derivative(function: Callable[..., object], *bodies: Bodies
             def quotient(step: float, side: int = side, twist: Floats = twist) -> Floats:
                 values = []
                 for amount in (step, -step):
-                    moved = [b.moved(twist, amount) if i == side else b for i, b in enumerate(bodies)]
+                    moved = [
+                        b.moved(twist, amount) if i == side else b for i, b in enumerate(bodies)
+                    ]
                     values.append(evaluate(*moved)[0])
                 return (values[0] - values[1]) / (2 * step)
 
-            whole, half = quotient(STEP), quotient(STEP / 2)
+            whole = quotient(STEP)
+            half = quotient(STEP / 2)
             smooth = np.abs(whole - half) < TOLERANCE
             comparable += smooth.mean() / (6 * len(bodies))
             expected = (4 * half - whole) / 3
             ours = (1 - 2 * side) * wrench[:, axis]
-            np.testing.assert_allclose(ours[smooth], expected[smooth], rtol=TOLERANCE, atol=TOLERANCE)
+            np.testing.assert_allclose(
+                ours[smooth], expected[smooth], rtol=TOLERANCE, atol=TOLERANCE
+            )
     if comparable < 0.98:
         raise ValueError(f"only {comparable:.1%} of the entries lie away from kinks")
 
 
 def test_capsule_capsule() -> None:
-    assert_wrench_is_derivative(capsule_capsule, sample_bodies("capsule", PAIRS, 1), sample_bodies("capsule", PAIRS, 2))
+    assert_wrench_is_derivative(
+        capsule_capsule, sample_bodies("capsule", PAIRS, 1), sample_bodies("capsule", PAIRS, 2)
+    )
 
 
 def test_capsule_plane() -> None:
@@ -63,7 +75,8 @@ def test_prism_plane(kind: str) -> None:
 
 @KINDS
 def test_capsule_prism_with_the_axis_outside(kind: str) -> None:
-    capsules, prisms = sample_bodies("capsule", PAIRS, 5, spread=0.15), sample_bodies(kind, PAIRS, 6, spread=0.05)
+    capsules = sample_bodies("capsule", PAIRS, 5, spread=0.15)
+    prisms = sample_bodies(kind, PAIRS, 6, spread=0.05)
     outside = deepest_of_axis(capsules, prisms, samples=101) > 1e-3
     assert_wrench_is_derivative(capsule_prism, capsules[outside], prisms[outside])
 
@@ -73,7 +86,8 @@ COMBINATIONS = [("box", "box"), ("box", "cylinder"), ("cylinder", "box"), ("cyli
 
 def prism_case(a: str, b: str) -> tuple[Bodies, Bodies, Floats, Floats]:
     """Pairs with their distance, and True where a flat face is nearest."""
-    first, second = sample_bodies(a, PAIRS, 9, 0.1), sample_bodies(b, PAIRS, 10, 0.1)
+    first = sample_bodies(a, PAIRS, 9, 0.1)
+    second = sample_bodies(b, PAIRS, 10, 0.1)
     distance, normal = mujoco_distances(first, second)
     face = np.zeros(PAIRS, bool)
     for bodies in (first, second):
@@ -119,6 +133,7 @@ def test_prism_prism_past_corners(a: str, b: str) -> None:
 )
 @KINDS
 def test_capsule_prism_with_the_axis_inside(kind: str) -> None:
-    capsules, prisms = sample_bodies("capsule", PAIRS, 7, spread=0.06), sample_bodies(kind, PAIRS, 8, spread=0.06)
+    capsules = sample_bodies("capsule", PAIRS, 7, spread=0.06)
+    prisms = sample_bodies(kind, PAIRS, 8, spread=0.06)
     inside = deepest_of_axis(capsules, prisms, samples=101) < -1e-3
     assert_wrench_is_derivative(capsule_prism, capsules[inside], prisms[inside])

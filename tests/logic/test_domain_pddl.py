@@ -81,18 +81,30 @@ def test_an_added_operator_is_grounded() -> None:
 
 def test_types_constants_and_facts_that_never_change() -> None:
     domain = parse_domain(ROOMS)
-    entities = [Entity("r0", "room", "hall"), Entity("c0", "car", "red"), Entity("d0", "drone", "red")]
+    entities = [
+        Entity("r0", "room", "hall"),
+        Entity("c0", "car", "red"),
+        Entity("d0", "drone", "red"),
+    ]
     doors = [("door", "garden", "r0"), ("door", "r0", "garden")]
     initial = [("at", "c0", "r0"), ("at", "d0", "garden"), *doors]
-    grounding = ground_domain(domain, entities[:2], initial[:1] + doors, [("at", "c0", "garden"), doors[0]])
+    grounding = ground_domain(
+        domain, entities[:2], initial[:1] + doors, [("at", "c0", "garden"), doors[0]]
+    )
     # `clean` is false for ever: no `fly`. `door` is fixed, so it needs no bit and leaves 2 of 4 (from, to).
-    assert list(map(str, grounding.actions)) == ["drive(red, garden, hall)", "drive(red, hall, garden)", "wait()"]
+    assert list(map(str, grounding.actions)) == [
+        "drive(red, garden, hall)",
+        "drive(red, hall, garden)",
+        "wait()",
+    ]
     assert {fact[0] for fact in grounding.facts} == {"at", "seen"}
     assert list(enumerate_sequences(grounding, 2)) == [(2, 1)]
     (_, after) = grounding.check_sequence([Action("drive", ("red", "hall", "garden"))])
     assert set(grounding.facts_in(after)) == {("at", "red", "garden"), ("seen", "garden")}
 
-    clean = ground_domain(domain, [entities[0], entities[2]], [*initial[1:], ("clean",)], [("at", "d0", "r0")])
+    clean = ground_domain(
+        domain, [entities[0], entities[2]], [*initial[1:], ("clean",)], [("at", "d0", "r0")]
+    )
     assert [str(action) for action in clean.actions if action.operator != "wait"] == [
         "fly(red, garden)",
         "fly(red, hall)",
@@ -129,20 +141,49 @@ def test_an_inner_variable_hides_an_outer_one() -> None:
 @pytest.mark.parametrize(
     ("text", "culprit"),
     [
-        (with_effect("(when (on ?item table) (on ?item goal))"), "`when` (conditional effect) is not supported"),
-        (with_effect("(oneof (on ?item table) (on ?item goal))", ":non-deterministic"), "`oneof` (non-determ"),
+        (
+            with_effect("(when (on ?item table) (on ?item goal))"),
+            "`when` (conditional effect) is not supported",
+        ),
+        (
+            with_effect("(oneof (on ?item table) (on ?item goal))", ":non-deterministic"),
+            "`oneof` (non-determ",
+        ),
         (with_effect("(increase (total-cost) 1)", ":action-costs"), "numeric"),
         (with_effect("(= ?item ?item)"), "`=` in an effect is not supported"),
-        (with_precondition("(or (holding ?arm ?item) (on ?item table))", ":disjunctive-preconditions"), "`or` is not"),
-        (with_precondition("(imply (on ?item goal) (on ?item table))", ":adl"), "`imply` is not supported"),
-        (with_precondition("(exists (?x - movable) (holding ?arm ?x))", ":adl"), "`exists` is not supported"),
-        (with_precondition("(not (and (on ?item goal) (on ?item table)))"), "`not` of anything but a fact is not"),
-        (with_precondition("(not (forall (?x - movable) (on ?x table)))"), "`not` of anything but a fact is not"),
         (
-            OURS.replace("(:action grasp", "(:derived (on ?i - movable ?s - support) (on ?i table)) (:action grasp"),
+            with_precondition(
+                "(or (holding ?arm ?item) (on ?item table))", ":disjunctive-preconditions"
+            ),
+            "`or` is not",
+        ),
+        (
+            with_precondition("(imply (on ?item goal) (on ?item table))", ":adl"),
+            "`imply` is not supported",
+        ),
+        (
+            with_precondition("(exists (?x - movable) (holding ?arm ?x))", ":adl"),
+            "`exists` is not supported",
+        ),
+        (
+            with_precondition("(not (and (on ?item goal) (on ?item table)))"),
+            "`not` of anything but a fact is not",
+        ),
+        (
+            with_precondition("(not (forall (?x - movable) (on ?x table)))"),
+            "`not` of anything but a fact is not",
+        ),
+        (
+            OURS.replace(
+                "(:action grasp",
+                "(:derived (on ?i - movable ?s - support) (on ?i table)) (:action grasp",
+            ),
             ":derived",
         ),
-        (OURS.replace("(:action grasp", "(:functions (cost)) (:action grasp", 1), "numeric fluents"),
+        (
+            OURS.replace("(:action grasp", "(:functions (cost)) (:action grasp", 1),
+            "numeric fluents",
+        ),
     ],
 )
 def test_unsupported_constructs_are_refused_by_name(text: str, culprit: str) -> None:
@@ -155,12 +196,24 @@ def test_unsupported_constructs_are_refused_by_name(text: str, culprit: str) -> 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (with_precondition("(holdng ?arm ?item)"), "(holdng ?arm ?item): no such predicate; declared: holding, on."),
-        (with_precondition("(holding ?arm)"), "operator 'place', (holding ?arm): 'holding' takes 2 terms."),
+        (
+            with_precondition("(holdng ?arm ?item)"),
+            "(holdng ?arm ?item): no such predicate; declared: holding, on.",
+        ),
+        (
+            with_precondition("(holding ?arm)"),
+            "operator 'place', (holding ?arm): 'holding' takes 2 terms.",
+        ),
         (with_precondition("(holding ?arm ?itm)"), "'?itm' is not declared; known here: face0, "),
         (with_precondition("(holding ?arm tabel)"), "Constant 'tabel' not defined"),
-        (with_precondition("(holding ?item ?arm)"), "'?item' is of type movable, wanted here: arm."),
-        (with_precondition("(holding ?arm table)"), "'table' is of type support, wanted here: movable."),
+        (
+            with_precondition("(holding ?item ?arm)"),
+            "'?item' is of type movable, wanted here: arm.",
+        ),
+        (
+            with_precondition("(holding ?arm table)"),
+            "'table' is of type support, wanted here: movable.",
+        ),
         (OURS.replace("?support - support)\n", "?support - suport)\n"), "suport"),
         (OURS.replace("(:action grasp", "(:action place"), "two operators are named 'place'."),
         (OURS.rstrip().removesuffix(")"), "is not a PDDL domain that can be read"),
@@ -177,7 +230,11 @@ def test_mistakes_are_named(text: str, message: str) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("movable", "thing", "'yellow' is of type 'movable', which domain 'deep-visual-reasoning' does not declare"),
+        (
+            "movable",
+            "thing",
+            "'yellow' is of type 'movable', which domain 'deep-visual-reasoning' does not declare",
+        ),
         (" goal ", " shelf ", "'goal' does not fit into (on o0 goal)"),
         ("(on ", "(upon ", "declares no predicate for (on o0 table)"),
         ("face0", "o0", "the name 'o0' is given twice, or the domain has a constant of that name."),
@@ -197,14 +254,22 @@ def test_a_domain_is_parsed_once() -> None:
 
 def test_the_signature_of_grasp_and_place_is_that_of_all_shipped_labels_and_networks() -> None:
     assert domain_signature() == "4bb93edc68665597"
-    assert domain_signature(compose_domain(shipped_header(), shipped_actions())) == "4bb93edc68665597"
-    assert domain_signature(compose_domain(shipped_header(), shipped_actions()[::-1])) != "4bb93edc68665597"
+    assert (
+        domain_signature(compose_domain(shipped_header(), shipped_actions())) == "4bb93edc68665597"
+    )
+    assert (
+        domain_signature(compose_domain(shipped_header(), shipped_actions()[::-1]))
+        != "4bb93edc68665597"
+    )
 
 
 def test_further_operators_take_the_place_of_the_shipped_ones() -> None:
     grounding = ground_actions(["yellow", "red"], "yellow", action_texts=[PUSH])
     assert {action.operator for action in grounding.actions} == {"push"}
-    assert {action.operator for action in ground_actions(["yellow", "red"], "yellow").actions} == {"grasp", "place"}
+    assert {action.operator for action in ground_actions(["yellow", "red"], "yellow").actions} == {
+        "grasp",
+        "place",
+    }
 
 
 @pytest.mark.parametrize(
@@ -230,12 +295,21 @@ def test_a_header_without_end_is_refused() -> None:
 
 
 def test_a_broken_action_text_is_refused() -> None:
-    with pytest.raises(LogicError, match=r"operator 'push', \(held \?item\): no such predicate; declared: holding, on"):
-        ground_actions(["yellow"], "yellow", action_texts=[PUSH.replace("(on ?item ?from)\n", "(held ?item)\n")])
+    with pytest.raises(
+        LogicError,
+        match=r"operator 'push', \(held \?item\): no such predicate; declared: holding, on",
+    ):
+        ground_actions(
+            ["yellow"],
+            "yellow",
+            action_texts=[PUSH.replace("(on ?item ?from)\n", "(held ?item)\n")],
+        )
     with pytest.raises(LogicError, match="is not a PDDL domain that can be read"):
         ground_actions(["yellow"], "yellow", action_texts=["(:action push"])
     with pytest.raises(LogicError, match="two operators are named 'grasp'"):
-        ground_actions(["yellow"], "yellow", action_texts=[*shipped_actions(), PUSH.replace("push", "grasp")])
+        ground_actions(
+            ["yellow"], "yellow", action_texts=[*shipped_actions(), PUSH.replace("push", "grasp")]
+        )
 
 
 def test_signature_follows_rules_but_not_comments_case_or_spacing() -> None:

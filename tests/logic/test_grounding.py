@@ -9,7 +9,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dvr_jax.errors import DvrError
-from dvr_jax.logic import ARMS, FACES, Action, Grounding, LogicError, count_sequences, describe, ground_actions
+from dvr_jax.logic import (
+    ARMS,
+    FACES,
+    Action,
+    Grounding,
+    LogicError,
+    count_sequences,
+    describe,
+    ground_actions,
+)
 
 GRASP_YELLOW = Action("grasp", ("left", "+x", "yellow"))
 TAKE_OVER = Action("grasp", ("right", "-y", "yellow"))
@@ -45,7 +54,9 @@ class Reference:
                         found[Action("grasp", (arm, face, name))] = self.put(state, i, ("in", arm))
                 if state.where[i] == ("in", arm):
                     for support in ("table", "goal"):
-                        found[Action("place", (arm, name, support))] = self.put(state, i, ("on", support))
+                        found[Action("place", (arm, name, support))] = self.put(
+                            state, i, ("on", support)
+                        )
         return found
 
     def put(self, state: ReferenceState, i: int, place: tuple[str, str]) -> ReferenceState:
@@ -70,11 +81,32 @@ class Reference:
 @st.composite
 def references(draw: st.DrawFn, most_objects: int = 5) -> Reference:
     names = st.sampled_from(
-        ["table", "goal", "left", "right", "+x", "o0", "on", "face0", "a b", "(x)", "Ä", "?o", "YELLOW"]
+        [
+            "table",
+            "goal",
+            "left",
+            "right",
+            "+x",
+            "o0",
+            "on",
+            "face0",
+            "a b",
+            "(x)",
+            "Ä",
+            "?o",
+            "YELLOW",
+        ]
     )
     objects = tuple(draw(st.lists(names, min_size=1, max_size=most_objects, unique=True)))
     arms = tuple(
-        draw(st.lists(st.sampled_from(["left", "right", "third", "table"]), min_size=1, max_size=3, unique=True))
+        draw(
+            st.lists(
+                st.sampled_from(["left", "right", "third", "table"]),
+                min_size=1,
+                max_size=3,
+                unique=True,
+            )
+        )
     )
     return Reference(objects, draw(st.sampled_from(objects)), arms)
 
@@ -94,7 +126,10 @@ def test_random_walks_agree_with_the_reference(reference: Reference, data: st.Da
         assert {grounding.actions[index] for index in indices} == set(steps)
         assert list(indices) == sorted(indices)
         assert set(grounding.facts_in(state)) == reference.facts(expected)
-        assert all(grounding.holds(state, *fact) == (fact in reference.facts(expected)) for fact in grounding.facts)
+        assert all(
+            grounding.holds(state, *fact) == (fact in reference.facts(expected))
+            for fact in grounding.facts
+        )
         assert grounding.is_goal(state) == reference.is_goal(expected)
         index = data.draw(st.sampled_from(indices), label="action")
         state, expected = grounding.successor(state, index), steps[grounding.actions[index]]
@@ -102,14 +137,21 @@ def test_random_walks_agree_with_the_reference(reference: Reference, data: st.Da
 
 @given(references(most_objects=2), st.integers(0, 3), st.data())
 @settings(max_examples=40, deadline=None)
-def test_reaching_the_goal_agrees_with_the_reference(reference: Reference, remaining: int, data: st.DataObject) -> None:
+def test_reaching_the_goal_agrees_with_the_reference(
+    reference: Reference, remaining: int, data: st.DataObject
+) -> None:
     grounding = ground(reference)
     counts = count_sequences(grounding, 3)
-    assert counts == {k: sum(1 for _ in reference.sequences(reference.start(), k)) for k in (1, 2, 3)}
+    assert counts == {
+        k: sum(1 for _ in reference.sequences(reference.start(), k)) for k in (1, 2, 3)
+    }
     state, expected = grounding.initial_state, reference.start()
     for _ in range(data.draw(st.integers(0, 3), label="steps")):
         index = data.draw(st.sampled_from(grounding.applicable(state)), label="action")
-        state, expected = grounding.successor(state, index), reference.steps(expected)[grounding.actions[index]]
+        state, expected = (
+            grounding.successor(state, index),
+            reference.steps(expected)[grounding.actions[index]],
+        )
     exact = [any(True for _ in reference.sequences(expected, k)) for k in range(remaining + 1)]
     assert [grounding.reaches_goal_in(state, k) for k in range(remaining + 1)] == exact
     assert grounding.can_reach_goal(state, remaining) == any(exact)
@@ -120,8 +162,13 @@ def test_handover_empties_the_giving_hand() -> None:
     grounding = ground_actions(["yellow", "red"], "yellow")
     start, held, taken = grounding.apply([GRASP_YELLOW, TAKE_OVER])
     assert grounding.facts_in(start) == (("on", "yellow", "table"), ("on", "red", "table"))
-    assert grounding.holds(held, "holding", "left", "yellow") and not grounding.holds(held, "on", "yellow", "table")
-    assert set(grounding.facts_in(taken)) == {("holding", "right", "yellow"), ("on", "red", "table")}
+    assert grounding.holds(held, "holding", "left", "yellow") and not grounding.holds(
+        held, "on", "yellow", "table"
+    )
+    assert set(grounding.facts_in(taken)) == {
+        ("holding", "right", "yellow"),
+        ("on", "red", "table"),
+    }
     free_again = Action("grasp", ("left", "+y", "red"))
     assert grounding.index(free_again) in grounding.applicable(taken)
     place = Action("place", ("right", "yellow", "goal"))
@@ -154,7 +201,9 @@ def test_actions_are_values_in_a_fixed_order() -> None:
         "grasp(left, +y, yellow)",
         "grasp(left, +y, red)",
     ]
-    assert list(dict.fromkeys(a.arguments[1] for a in grounding.actions if a.operator == "grasp")) == list(FACES)
+    assert list(
+        dict.fromkeys(a.arguments[1] for a in grounding.actions if a.operator == "grasp")
+    ) == list(FACES)
     assert list(dict.fromkeys(a.arguments[0] for a in grounding.actions)) == list(ARMS)
     assert sorted({TAKE_OVER, GRASP_YELLOW}) == [GRASP_YELLOW, TAKE_OVER]
     grounding.can_reach_goal(grounding.initial_state, 3)
@@ -180,7 +229,10 @@ def test_actions_in_words() -> None:
             "action 1 of 1: place(right, red, goal) is not applicable, because holding(right, red) does not hold. "
             "Applicable there: grasp(left, +x, yellow), ",
         ),
-        ([Action("push", ("left",))], "action 1 of 1: push(left): there is no operator 'push'; valid: grasp, place."),
+        (
+            [Action("push", ("left",))],
+            "action 1 of 1: push(left): there is no operator 'push'; valid: grasp, place.",
+        ),
         ([Action("grasp", ("left",))], "grasp takes 3 arguments, as in grasp(left, +x, yellow)."),
         ([Action("grasp", ("left", "+z", "red"))], "argument 2 is '+z'; valid: +x, +y, -x, -y."),
         ([Action("grasp", ("left", "+x", "blue"))], "argument 3 is 'blue'; valid: yellow, red."),
@@ -209,14 +261,26 @@ def test_an_unknown_fact_is_refused() -> None:
 @pytest.mark.parametrize(
     ("objects", "goal_object", "arms", "message"),
     [
-        (["yellow", "red"], "blue", ARMS, "the goal object 'blue' is no object of the scene; objects: yellow, red."),
+        (
+            ["yellow", "red"],
+            "blue",
+            ARMS,
+            "the goal object 'blue' is no object of the scene; objects: yellow, red.",
+        ),
         (["yellow", "yellow"], "yellow", ARMS, "two objects have the same name: yellow."),
         ([], "yellow", ARMS, "there is no object; at least one is needed."),
-        ("yellow", "y", ARMS, "the object names are one string, 'yellow'; wanted is a sequence of names."),
+        (
+            "yellow",
+            "y",
+            ARMS,
+            "the object names are one string, 'yellow'; wanted is a sequence of names.",
+        ),
         (["yellow"], "yellow", ["left", "left"], "two arms have the same name: left."),
     ],
 )
-def test_bad_names_are_refused(objects: list[str], goal_object: str, arms: list[str], message: str) -> None:
+def test_bad_names_are_refused(
+    objects: list[str], goal_object: str, arms: list[str], message: str
+) -> None:
     with pytest.raises(LogicError) as caught:
         ground_actions(objects, goal_object, arms)
     assert str(caught.value) == message

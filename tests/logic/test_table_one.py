@@ -4,7 +4,13 @@ import time
 
 import pytest
 
-from dvr_jax.logic import Grounding, LogicError, count_sequences, enumerate_sequences, ground_actions
+from dvr_jax.logic import (
+    Grounding,
+    LogicError,
+    count_sequences,
+    enumerate_sequences,
+    ground_actions,
+)
 
 TABLE_ONE = {
     1: (8, 32, 192, 1024, 5632),

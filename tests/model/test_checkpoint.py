@@ -24,7 +24,8 @@ METADATA = NetworkMetadata("dvr", CONFIG, training={"batch": 48, "learning_rate"
 
 def same(one: Any, other: Any) -> bool:
     return jax.tree.structure(one) == jax.tree.structure(other) and all(
-        np.array_equal(mine, theirs) for mine, theirs in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True)
+        np.array_equal(mine, theirs)
+        for mine, theirs in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True)
     )
 
 
@@ -102,12 +103,23 @@ def rewrite(path: Path, change: dict[str, Any]) -> None:
             {"config": {"hidden": float("nan"), "channels": [5, 10, 10]}},
             "network.npz: the network's hidden is nan; valid",
         ),
-        ({"output/kernel": np.full((5, 1), np.nan)}, "output/kernel has values that are not finite numbers"),
-        ({"output/kernel": np.full((5, 1), "x")}, "output/kernel has values that are not finite numbers"),
-        ({"output/kernel": np.zeros((6, 1))}, "output/kernel has shape \\(6, 1\\); its sizes ask for \\(5, 1\\)"),
+        (
+            {"output/kernel": np.full((5, 1), np.nan)},
+            "output/kernel has values that are not finite numbers",
+        ),
+        (
+            {"output/kernel": np.full((5, 1), "x")},
+            "output/kernel has values that are not finite numbers",
+        ),
+        (
+            {"output/kernel": np.zeros((6, 1))},
+            "output/kernel has shape \\(6, 1\\); its sizes ask for \\(5, 1\\)",
+        ),
     ],
 )
-def test_exports_that_do_not_fit_are_refused(tmp_path: Path, change: dict[str, Any], message: str) -> None:
+def test_exports_that_do_not_fit_are_refused(
+    tmp_path: Path, change: dict[str, Any], message: str
+) -> None:
     rewrite(tmp_path / "network.npz", change)
     with pytest.raises(DvrError, match=message):
         load_parameters(tmp_path / "network.npz")

@@ -7,11 +7,17 @@ import pytest
 
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import Action, Grounding, ground_actions
-from dvr_jax.model.encoding import SYMBOLS, direction, encode_actions, input_signature, object_pairs
+from dvr_jax.model.encoding import (
+    SYMBOLS,
+    TRAINED_ARMS,
+    actions_per_object,
+    direction,
+    encode_actions,
+    input_signature,
+    object_pairs,
+    tuples_per_object,
+)
 from dvr_jax.scene.types import SceneObject
-from dvr_jax.workcell.workcell import DEFAULT_WORKCELL
-
-ARMS = DEFAULT_WORKCELL.arm_names
 
 
 def boxes(*names: str, yaw: float = 0.0) -> list[SceneObject]:
@@ -21,22 +27,33 @@ def boxes(*names: str, yaw: float = 0.0) -> list[SceneObject]:
 @pytest.mark.parametrize("number", range(1, 9))
 def test_symbols_do_not_depend_on_the_number_of_objects(number: int) -> None:
     names = [f"thing {i}" for i in range(number)]
-    grounding = ground_actions(names, names[-1], ARMS)
+    grounding = ground_actions(names, names[-1], TRAINED_ARMS)
     codes = encode_actions(grounding, boxes(*names))
     assert set(codes.symbol) == set(range(12)) and len(codes.symbol) == 12 * number
-    assert codes.pairs.shape == (2 * number, 2) and len({tuple(pair) for pair in codes.pairs}) == 2 * number
+    assert (actions_per_object(), tuples_per_object()) == (12, 2)
     assert (
-        len({(symbol, *codes.pairs[i]) for symbol, i in zip(codes.symbol, codes.tuple_index, strict=True)})
+        codes.pairs.shape == (2 * number, 2)
+        and len({tuple(pair) for pair in codes.pairs}) == 2 * number
+    )
+    assert (
+        len(
+            {
+                (symbol, *codes.pairs[i])
+                for symbol, i in zip(codes.symbol, codes.tuple_index, strict=True)
+            }
+        )
         == 12 * number
     )
 
 
 def test_names_that_look_like_supports_and_arms() -> None:
     names = ["table", "left", "goal"]
-    grounding = ground_actions(names, "goal", ARMS)
+    grounding = ground_actions(names, "goal", TRAINED_ARMS)
     codes = encode_actions(grounding, boxes(*names))
     goal_mask, zeros = 3, 4
-    for action, symbol, index in zip(grounding.actions, codes.symbol, codes.tuple_index, strict=True):
+    for action, symbol, index in zip(
+        grounding.actions, codes.symbol, codes.tuple_index, strict=True
+    ):
         pair = tuple(codes.pairs[index])
         if action.operator == "grasp":
             arm, face, name = action.arguments
@@ -49,8 +66,10 @@ def test_names_that_look_like_supports_and_arms() -> None:
 
 
 def test_order_of_actions_does_not_depend_on_names_or_goal() -> None:
-    one = encode_actions(ground_actions(["a", "b"], "a", ARMS), boxes("a", "b"))
-    other = encode_actions(ground_actions(["zebra", "ape"], "ape", ARMS), boxes("zebra", "ape"))
+    one = encode_actions(ground_actions(["a", "b"], "a", TRAINED_ARMS), boxes("a", "b"))
+    other = encode_actions(
+        ground_actions(["zebra", "ape"], "ape", TRAINED_ARMS), boxes("zebra", "ape")
+    )
     assert all((mine == theirs).all() for mine, theirs in zip(one, other, strict=True))
 
 

@@ -20,7 +20,8 @@ from dvr_jax.model.scene_table import build_scene_table
 
 def by_definition(labels: list[bool], scores: list[int]) -> float:
     """Sum over thresholds of (R_n - R_{n-1}) P_n, each counted from scratch."""
-    total, recall_before = 0.0, 0.0
+    total = 0.0
+    recall_before = 0.0
     for threshold in sorted(set(scores), reverse=True):
         chosen = [label for label, score in zip(labels, scores, strict=True) if score >= threshold]
         recall = sum(chosen) / sum(labels)
@@ -42,20 +43,26 @@ def test_average_precision_is_its_definition(pairs: list[tuple[bool, int]]) -> N
 
 def test_average_precision_on_paper() -> None:
     # Ranks 1 and 3 of 4 are right: (1/1 + 2/3) / 2.
-    assert average_precision(np.array([1, 0, 1, 0], bool), np.array([4.0, 3, 2, 1])) == pytest.approx(5 / 6)
+    assert average_precision(
+        np.array([1, 0, 1, 0], bool), np.array([4.0, 3, 2, 1])
+    ) == pytest.approx(5 / 6)
 
 
 def test_greedy_sequences_take_the_best_of_the_predictor_at_each_step() -> None:
     examples = sided_examples(3, 5)
-    parameters = initial_parameters(NetworkConfig(image_size=16, channels=(2, 2, 2), dense=8, hidden=12), 1)
-    images = stack_images([scene_images(scene, 16, 4) for scene in examples.scenes], 2)
-    table = build_scene_table(examples.scenes, images)
+    parameters = initial_parameters(
+        NetworkConfig(image_size=16, channels=(2, 2, 2), dense=8, hidden=12), 1
+    )
+    images = [scene_images(scene, 16, 4) for scene in examples.scenes]
+    table = build_scene_table(examples.scenes, stack_images(images, 2))
     predictor = Predictor(parameters, NetworkMetadata("dvr", parameters.config))
     k_max = 5
     sequences = greedy_sequences(parameters, table, [2, 0, 1], k_max)
     for scene, sequence in zip((2, 0, 1), sequences, strict=True):
-        code = predictor.encode_scene(examples.scenes[scene])
-        grounding, hidden, state = code.grounding, code.initial_hidden(), code.grounding.initial_state
+        encoding = predictor.encode_scene(examples.scenes[scene])
+        grounding = encoding.grounding
+        hidden = encoding.initial_hidden()
+        state = grounding.initial_state
         grounding.check_sequence([grounding.actions[index] for index in sequence])
         for depth, taken in enumerate(sequence):
             open_actions = [
@@ -63,7 +70,7 @@ def test_greedy_sequences_take_the_best_of_the_predictor_at_each_step() -> None:
                 for index in grounding.applicable(state)
                 if grounding.can_reach_goal(grounding.successor(state, index), k_max - depth - 1)
             ]
-            probabilities, after = predictor.predict(code, np.repeat(hidden, len(open_actions), axis=0), open_actions)
+            probabilities, after = predictor.predict(encoding, hidden, open_actions)
             assert taken == open_actions[int(np.argmax(probabilities))]
             hidden = after[[np.argmax(probabilities)]]
             state = grounding.successor(state, taken)

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from flax import linen as nn
-from numpy.typing import NDArray
+from jaxtyping import Float
 from scipy.signal import correlate2d
 
 from dvr_jax.errors import DvrError
@@ -19,53 +19,67 @@ from dvr_jax.model.network_config import NetworkConfig
 SMALL = NetworkConfig(image_size=16, channels=(2, 3, 4), dense=7, hidden=11)
 
 
-def random_weights(config: NetworkConfig, seed: int = 0) -> NetworkParameters:
+def random_parameters(config: NetworkConfig, seed: int = 0) -> NetworkParameters:
     """With biases that are not zero."""
     parameters = initial_parameters(config, seed)
     generator = np.random.default_rng(seed)
-    return jax.tree.map(lambda leaf: leaf + generator.normal(0, 0.1, leaf.shape).astype("float32"), parameters)
+    return jax.tree.map(
+        lambda leaf: leaf + generator.normal(0, 0.1, leaf.shape).astype("float32"), parameters
+    )
 
 
-def convolve(image: NDArray[Any], layer: Any, stride: int) -> NDArray[Any]:
+def convolve(
+    image: Float[np.ndarray, "height width channels"], layer: Any, stride: int
+) -> Float[np.ndarray, "height width outputs"]:
     """Relu of a 5x5 layer on an image (H, W, C), padded as much as its stride needs."""
-    kernel, bias = np.asarray(layer["kernel"], float), np.asarray(layer["bias"], float)
+    kernel = np.asarray(layer["kernel"], float)
+    bias = np.asarray(layer["bias"], float)
     planes = []
     for out in range(kernel.shape[-1]):
         # With an even size and stride 2 one row less is padded before than behind.
         before = (4 - (stride - 1)) // 2
         padded = np.pad(image, ((before, 4 - before), (before, 4 - before), (0, 0)))
-        plane = sum(correlate2d(padded[..., c], kernel[..., c, out], "valid") for c in range(image.shape[-1]))
+        plane = sum(
+            correlate2d(padded[..., c], kernel[..., c, out], "valid")
+            for c in range(image.shape[-1])
+        )
         planes.append(plane[::stride, ::stride] + bias[out])
     return np.maximum(np.stack(planes, axis=-1), 0)
 
 
 @pytest.mark.parametrize("pooling", [True, False])
 def test_image_encoder_is_three_correlations_and_a_dense_layer(pooling: bool) -> None:
-    parameters = random_weights(replace(SMALL, pooling=pooling))
-    image: NDArray[Any] = np.random.default_rng(0).normal(size=(16, 16, 3)).astype(np.float32)
+    parameters = random_parameters(replace(SMALL, pooling=pooling))
+    image: np.ndarray = np.random.default_rng(0).normal(size=(16, 16, 3)).astype(np.float32)
     network, variables = parameters.network()
-    code = network.apply(variables, image[None], method=Network.encode_images)
+    code = network.apply(variables, jnp.asarray(image[None]), method=Network.encode_images)
     for i, stride in enumerate((1, 2, 2)):
         image = convolve(image, parameters.tree[f"convolutions_{i}"], stride)
     dense = parameters.tree["image_dense"]
     expected = image.ravel() @ np.asarray(dense["kernel"], float) + np.asarray(dense["bias"], float)
     if pooling:
-        expected = expected + image.max((0, 1)) @ np.asarray(parameters.tree["pool_dense"]["kernel"], float)
+        expected = expected + image.max((0, 1)) @ np.asarray(
+            parameters.tree["pool_dense"]["kernel"], float
+        )
     np.testing.assert_allclose(np.asarray(code)[0], expected, rtol=1e-4, atol=1e-5)
 
 
 @pytest.mark.parametrize("pooling", [True, False])
 def test_fast_encoder_is_the_network_on_whole_images_in_values_and_gradients(pooling: bool) -> None:
-    size, number = 24, 8
+    size = 24
+    number = 8
     config = replace(SMALL, image_size=size, pooling=pooling)
-    parameters = random_weights(config)
+    parameters = random_parameters(config)
     generator = np.random.default_rng(0)
     height = generator.uniform(-1, 1, (5, size, size)).astype(np.float32)
     masks = generator.integers(0, 256, (5, 4, size, size)).astype(np.uint8)
     masks[:, -1] = 0
-    scene, mirrored = np.array([4, 1, 1, 0]), np.array([[0, 0], [1, 1], [0, 1], [1, 0]], bool)
-    view, pairs = generator.integers(0, 4, number), generator.integers(0, 4, (number, 2))
-    view[-1], pairs[-1] = view[0], (1, 3)
+    scene = np.array([4, 1, 1, 0])
+    mirrored = np.array([[0, 0], [1, 1], [0, 1], [1, 0]], bool)
+    view = generator.integers(0, 4, number)
+    pairs = generator.integers(0, 4, (number, 2))
+    view[-1] = view[0]
+    pairs[-1] = (1, 3)
     target = generator.normal(size=(number, config.dense)).astype(np.float32)
 
     def fast(parameters: ParameterTree) -> tuple[jax.Array, jax.Array]:
@@ -75,12 +89,16 @@ def test_fast_encoder_is_the_network_on_whole_images_in_values_and_gradients(poo
 
     images = np.zeros((number, size, size, 3), np.float32)
     for image, which, pair in zip(images, view, pairs, strict=True):
-        channels = 16.0 * np.stack([height[scene[which]], *masks[scene[which], pair] / 255], axis=-1)
+        channels = 16.0 * np.stack(
+            [height[scene[which]], *masks[scene[which], pair] / 255], axis=-1
+        )
         in_x, in_y = mirrored[which]
         image[:] = channels[:: -1 if in_y else 1, :: -1 if in_x else 1]
 
     def plain(parameters: ParameterTree) -> tuple[jax.Array, jax.Array]:
-        codes: Any = Network(config).apply({"params": parameters}, images, method=Network.encode_images)
+        codes: Any = Network(config).apply(
+            {"params": parameters}, jnp.asarray(images), method=Network.encode_images
+        )
         return jnp.vdot(codes, target) / number, codes
 
     (_, mine), my_gradient = jax.jit(jax.value_and_grad(fast, has_aux=True))(parameters.tree)
@@ -91,8 +109,8 @@ def test_fast_encoder_is_the_network_on_whole_images_in_values_and_gradients(poo
     assert float(jnp.abs(my_gradient["convolutions_0"]["kernel"]).min()) > 0
 
 
-def test_step_is_a_gru_and_a_linear_layer() -> None:
-    parameters = random_weights(SMALL)
+def test_advance_is_a_gru_and_a_linear_layer() -> None:
+    parameters = random_parameters(SMALL)
     hidden, symbol, image, goal = (
         jax.random.normal(jax.random.key(i), (5, n), "float32") for i, n in enumerate((11, 7, 7, 7))
     )
@@ -113,33 +131,48 @@ def test_step_is_a_gru_and_a_linear_layer() -> None:
     by_hand = (1 - update) * candidate + update * np.asarray(hidden, float)
     np.testing.assert_allclose(after, by_hand, atol=1e-5)
     output = parameters.tree["output"]
-    np.testing.assert_allclose(logit, (by_hand @ np.asarray(output["kernel"]) + output["bias"])[:, 0], atol=1e-5)
+    np.testing.assert_allclose(
+        logit, (by_hand @ np.asarray(output["kernel"]) + output["bias"])[:, 0], atol=1e-5
+    )
 
 
 @pytest.mark.parametrize("goal", [True, False])
 def test_sequence_agrees_with_single_steps(goal: bool) -> None:
-    parameters = random_weights(NetworkConfig(image_size=16, goal=goal))
+    parameters = random_parameters(NetworkConfig(image_size=16, goal=goal))
     normals = jax.random.normal(jax.random.key(3), (2, 6, 2), "float32")
     symbols = encode_symbols(parameters, jnp.arange(12).reshape(2, 6), normals)
     images = jax.random.normal(jax.random.key(1), (2, 6, 100), "float32")
     aim = jax.random.normal(jax.random.key(2), (2, 100), "float32") if goal else None
     logits = jax.jit(run_sequence)(parameters, symbols, images, aim)
-    hidden, one_step = jnp.zeros((2, 300), "float32"), jax.jit(advance)
+    hidden = jnp.zeros((2, 300), "float32")
+    one_step = jax.jit(advance)
     for k in range(6):
         logit, hidden = one_step(parameters, hidden, symbols[:, k], images[:, k], aim)
         np.testing.assert_allclose(logits[:, k], logit, atol=1e-5)
 
 
 def test_sizes_are_those_of_the_paper() -> None:
-    shapes = jax.tree.map(jnp.shape, initial_parameters(NetworkConfig(normals=False, pooling=False), 0).tree)
-    assert [shapes[f"convolutions_{i}"]["kernel"] for i in range(3)] == [(5, 5, 3, 5), (5, 5, 5, 10), (5, 5, 10, 10)]
+    shapes = jax.tree.map(
+        jnp.shape, initial_parameters(NetworkConfig(normals=False, pooling=False), 0).tree
+    )
+    assert [shapes[f"convolutions_{i}"]["kernel"] for i in range(3)] == [
+        (5, 5, 3, 5),
+        (5, 5, 5, 10),
+        (5, 5, 10, 10),
+    ]
     assert shapes["image_dense"]["kernel"] == (16 * 16 * 10, 100) and "pool_dense" not in shapes
     assert shapes["symbol_dense"]["kernel"] == (12, 100)
-    assert shapes["cell"]["in"]["kernel"] == (300, 300) and shapes["cell"]["hn"]["kernel"] == (300, 300)
+    assert shapes["cell"]["in"]["kernel"] == (300, 300) and shapes["cell"]["hn"]["kernel"] == (
+        300,
+        300,
+    )
     assert shapes["output"]["kernel"] == (300, 1)
     classifier = initial_parameters(NetworkConfig(goal=False), 0).tree
     assert classifier["cell"]["in"]["kernel"].shape == (200, 300)
-    assert classifier["symbol_dense"]["kernel"].shape == (12 + 2, 100)  # beyond the paper: a face's normal
+    assert classifier["symbol_dense"]["kernel"].shape == (
+        12 + 2,
+        100,
+    )  # beyond the paper: a face's normal
 
 
 def test_parameters_are_single_precision_whatever_the_default() -> None:

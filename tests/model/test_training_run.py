@@ -21,7 +21,8 @@ from PIL import Image
 
 import dvr_jax
 from dvr_jax.cli import train as command
-from dvr_jax.dataset import Examples, write_shard
+from dvr_jax.dataset.examples import Examples
+from dvr_jax.dataset.shards import write_shard
 from dvr_jax.errors import DvrError, run_command
 from dvr_jax.logic import Action
 from dvr_jax.model.batches import assemble_batch
@@ -62,12 +63,13 @@ def quiet(line: str) -> None:
 
 
 def test_loss_is_the_weighted_mean_over_steps_that_count() -> None:
-    logits, target = np.array([[2.0, -1.0, 5.0]]), np.array([[1.0, 0.0, 0.0]])
-    mask = np.array([[1.0, 1.0, 0.0]])
-    loss, total = weighted_loss(jnp.asarray(logits), target, mask, jnp.asarray(3.0))
+    logits = jnp.asarray([[2.0, -1.0, 5.0]])
+    target = np.array([[1.0, 0.0, 0.0]])
+    weight = np.array([[1.0, 1.0, 0.0]])
+    loss, total = weighted_loss(logits, target, weight, jnp.asarray(3.0))
     by_hand = (3 * -np.log(1 / (1 + np.exp(-2))) - np.log(1 - 1 / (1 + np.exp(1)))) / 4
     assert float(loss) == pytest.approx(by_hand) and float(total) == 4
-    behind, _ = weighted_loss(jnp.asarray([[2.0, -1.0, -50.0]]), target, mask, jnp.asarray(3.0))
+    behind, _ = weighted_loss(jnp.asarray([[2.0, -1.0, -50.0]]), target, weight, jnp.asarray(3.0))
     assert float(behind) == float(loss)
 
 
@@ -75,22 +77,26 @@ def test_learns_which_arm_is_on_the_objects_side(tmp_path: Path) -> None:
     options = replace(OPTIONS, out=tmp_path, steps=240, log_every=20, checkpoint_every=240)
     options = replace(options, learning_rate=3e-3, mirror=False)
     data = prepare_training_data(options, EXAMPLES, None, quiet)
-    assert data.positive_weight == pytest.approx(0.5)  # a third drawn of the feasible, the others half and half
+    assert data.positive_weight == pytest.approx(
+        0.5
+    )  # a third drawn of the feasible, the others half and half
     lines: list[str] = []
     train(replace(options, validate_every=120), data, SMALL, lines.append)
     parameters, _ = load_parameters(tmp_path / "network.npz")
     batch = assemble_batch(EXAMPLES, data.table, data.sampler.sequences, "dvr")
-    _, _, logits = evaluate_batch(parameters, data.table.height, data.table.masks, batch, jnp.float32(1))
+    _, _, logits = evaluate_batch(
+        parameters, data.table.height, data.table.masks, batch, jnp.float32(1)
+    )
     counts = batch.weight > 0
     assert np.mean((np.asarray(logits) > 0)[counts] == (batch.target > 0.5)[counts]) > 0.95
 
     # What the searches load says the same of a scene that was trained on, and files are there to look at.
     predictor = Predictor.load(tmp_path / "network.npz")
     scene = EXAMPLES.scenes[EXAMPLES.scene[data.sampler.sequences[0]]]
-    code = predictor.encode_scene(scene)
-    probabilities, _ = predictor.predict(code, code.initial_hidden(24), range(24))
+    encoding = predictor.encode_scene(scene)
+    probabilities, _ = predictor.predict(encoding, encoding.initial_hidden(24), range(24))
     wanted = "left" if scene.objects[scene.goal_index].position[0] < 0 else "right"
-    for action, probability in zip(code.grounding.actions, probabilities, strict=True):
+    for action, probability in zip(encoding.grounding.actions, probabilities, strict=True):
         if action.operator == "grasp" and action.arguments[2] == scene.goal.object:
             assert (probability > 0.5) == (action.arguments[0] == wanted)
     records = read_history(tmp_path / "history.jsonl")
@@ -105,21 +111,27 @@ def test_greedy_sequences_that_no_label_knows_are_judged_once(tmp_path: Path) ->
     """And those that labels know are not asked about."""
     asked: list[tuple[Scene, tuple[Action, ...]]] = []
 
-    def judge(tasks: Sequence[tuple[Scene, tuple[Action, ...]]]) -> list[bool]:
+    def oracle(tasks: Sequence[tuple[Scene, tuple[Action, ...]]]) -> list[bool]:
         asked.extend(tasks)
         return [actions[0].arguments[0] == "left" for _, actions in tasks]
 
     options = replace(OPTIONS, out=tmp_path, validation_scenes=8, held_out=0.6)
     parameters = initial_parameters(SMALL, 0)
-    by_labels, judged = (prepare_training_data(options, EXAMPLES, None, quiet, how).validation for how in (None, judge))
+    by_labels = prepare_training_data(options, EXAMPLES, None, quiet).validation
+    judged = prepare_training_data(options, EXAMPLES, None, quiet, oracle).validation
     assert by_labels is not None and judged is not None
-    share, figure = by_labels.measure(parameters)["top1"], judged.measure(parameters)["top1"]
+    share = by_labels.measure(parameters)["top1"]
+    figure = judged.measure(parameters)["top1"]
     number = len(judged.solutions)
     assert number >= 4 and len(asked) == round(number * (1 - share)) > 0
-    assert figure == pytest.approx(share + sum(actions[0].arguments[0] == "left" for _, actions in asked) / number)
+    assert figure == pytest.approx(
+        share + sum(actions[0].arguments[0] == "left" for _, actions in asked) / number
+    )
     for scene, actions in asked:
         ground_scene(scene).check_sequence(actions)
-    assert judged.measure(parameters)["top1"] == figure and len(asked) == round(number * (1 - share))
+    assert judged.measure(parameters)["top1"] == figure and len(asked) == round(
+        number * (1 - share)
+    )
 
 
 def test_the_planner_is_what_the_command_asks() -> None:
@@ -131,7 +143,9 @@ def test_the_planner_is_what_the_command_asks() -> None:
         for arm in arms
         for face in ("+x", "+y")
     ]
-    expected = [verdict.feasible for verdict in feasibility(scene, [actions for _, actions in tasks])]
+    expected = [
+        verdict.feasible for verdict in feasibility(scene, [actions for _, actions in tasks])
+    ]
     assert command.are_feasible(tasks) == expected
 
 
@@ -178,7 +192,9 @@ def test_targets_that_nobody_has_looked_at_weigh_what_is_asked_for(tmp_path: Pat
     looked_at = np.arange(inside.size).reshape(inside.shape) % 3 > 0
     examples = EXAMPLES._replace(weight=(inside & looked_at).astype(np.float32))
     for unknown in (0.0, 0.25, 1.0):
-        data = prepare_training_data(replace(OPTIONS, out=tmp_path, unknown=unknown), examples, None, quiet)
+        data = prepare_training_data(
+            replace(OPTIONS, out=tmp_path, unknown=unknown), examples, None, quiet
+        )
         expected = np.where(examples.weight > 0, 1, unknown) * inside
         np.testing.assert_array_equal(data.examples.weight, expected)
         assert data.validation is not None
@@ -189,16 +205,21 @@ def test_a_step_is_adams(tmp_path: Path) -> None:
     options = replace(OPTIONS, out=tmp_path, steps=1, log_every=1, checkpoint_every=1, held_out=0.0)
     data = prepare_training_data(options, EXAMPLES, None, quiet)
     assert data.validation is None
-    before, after = initial_parameters(SMALL, 0), train(options, data, SMALL, quiet)
+    before = initial_parameters(SMALL, 0)
+    after = train(options, data, SMALL, quiet)
     moved = jax.tree.map(lambda new, old: np.abs(np.asarray(new - old)), after.tree, before.tree)
     # Adam's first step is the learning rate in the direction of the gradient's sign, whatever its size.
     adam = optax.adam(options.learning_rate)
     expected, _ = adam.update(jnp.ones(1), adam.init(jnp.ones(1)))
-    assert max(float(leaf.max()) for leaf in jax.tree.leaves(moved)) == pytest.approx(-float(expected[0]), rel=1e-3)
+    assert max(float(leaf.max()) for leaf in jax.tree.leaves(moved)) == pytest.approx(
+        -float(expected[0]), rel=1e-3
+    )
 
 
 @pytest.mark.parametrize("cooldown", [0, 1, 8, 24])
-def test_learning_rate_is_optaxs_schedule(cooldown: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_learning_rate_is_optaxs_schedule(
+    cooldown: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     rates: list[float] = []
 
     def recorded(*arguments: Any) -> Any:
@@ -224,7 +245,9 @@ def test_command_trains_a_classifier_on_separate_held_out_scenes(
     labels = write_shard(tmp_path / "labels.parquet", {0: EXAMPLES.scenes[0]}, [], {"seed": 0})
     monkeypatch.setattr("dvr_jax.dataset.examples.load_examples", reader)
     monkeypatch.setattr("dvr_jax.dataset.shards.find_shards", lambda paths: [labels])
-    arguments = "--data a --validation b --kind classifier --image-size 8 --batch 8 --least-feasible 2"
+    arguments = (
+        "--data a --validation b --kind classifier --image-size 8 --batch 8 --least-feasible 2"
+    )
     arguments += " --steps 4 --log-every 2 --checkpoint-every 4"
     monkeypatch.setattr(sys, "argv", ["train", *arguments.split(), "--out", str(tmp_path)])
     assert command.main() == 0
@@ -233,7 +256,10 @@ def test_command_trains_a_classifier_on_separate_held_out_scenes(
     assert predictor.kind == "classifier" and not predictor.parameters.config.goal
     manifest = json.loads((tmp_path / "manifest.json").read_text())
     assert manifest["command"] == f"python -m dvr_jax.train {arguments} --out {tmp_path}"
-    assert manifest["network"]["sha256"] == hashlib.sha256((tmp_path / "network.npz").read_bytes()).hexdigest()
+    assert (
+        manifest["network"]["sha256"]
+        == hashlib.sha256((tmp_path / "network.npz").read_bytes()).hexdigest()
+    )
     assert manifest["counts"] == {"scenes": 16, "sequences": 128, "feasible": 64}
     assert manifest["labelled_by"] == [dvr_jax.__version__]
     last = read_history(tmp_path / "history.jsonl")[-1]
@@ -242,7 +268,9 @@ def test_command_trains_a_classifier_on_separate_held_out_scenes(
 
 
 def test_held_out_scenes_are_not_those_that_are_trained_on(tmp_path: Path) -> None:
-    with pytest.raises(DvrError, match="--validation has 16 of the scenes of --data; valid are others"):
+    with pytest.raises(
+        DvrError, match="--validation has 16 of the scenes of --data; valid are others"
+    ):
         prepare_training_data(replace(OPTIONS, out=tmp_path), EXAMPLES, EXAMPLES, quiet)
 
 
@@ -251,21 +279,33 @@ def test_held_out_scenes_are_not_those_that_are_trained_on(tmp_path: Path) -> No
     [
         ("--seed 9223372036854775808", "--seed is 9223372036854775808; valid is 0 to 2^63 - 1."),
         ("--least-feasible 49", "--least-feasible is 49; valid is 0 to 48, the batch."),
-        ("--checkpoint-every 150", "--checkpoint-every is 150; valid is a multiple of --log-every 100."),
+        (
+            "--checkpoint-every 150",
+            "--checkpoint-every is 150; valid is a multiple of --log-every 100.",
+        ),
         ("--cooldown 100001", "--cooldown is 100001; valid is 0 to 100000, the --steps."),
         ("--unknown 1.5", "--unknown is 1.5; valid is 0 to 1."),
         ("--batch-scenes 0", "--batch-scenes is 0; valid is 1 or more."),
         ("--learning-rate 0", "--learning-rate is 0.0; valid is a positive number."),
-        ("--image-size 2", "the images' size is 2 pixels; valid are multiples of 4 from 8 to 1024."),
+        (
+            "--image-size 2",
+            "the images' size is 2 pixels; valid are multiples of 4 from 8 to 1024.",
+        ),
         ("--held-out 1", "the held-out fraction is 1.0; valid is from 0 to below 1."),
     ],
 )
 def test_bad_options_end_with_one_sentence(
-    option: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    option: str,
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     examples = sided_examples(1, 0)
     monkeypatch.setattr("dvr_jax.dataset.examples.load_examples", lambda paths, **options: examples)
-    monkeypatch.setattr(sys, "argv", ["train", "--data", "a", "--out", str(tmp_path), *option.split()])
+    monkeypatch.setattr(
+        sys, "argv", ["train", "--data", "a", "--out", str(tmp_path), *option.split()]
+    )
     with pytest.raises(SystemExit) as ended:
         run_command(command.main)
     assert ended.value.code == 2

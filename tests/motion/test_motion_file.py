@@ -66,7 +66,13 @@ def test_broken_files_are_refused(tmp_path: Path) -> None:
         load_motion(tmp_path / "none.npz")
     with pytest.raises(MotionError, match="Is a directory"):
         load_motion(tmp_path)
-    for content in (b"", b"hello", good.read_bytes()[:200], good.read_bytes()[:-40], _flipped(good.read_bytes())):
+    for content in (
+        b"",
+        b"hello",
+        good.read_bytes()[:200],
+        good.read_bytes()[:-40],
+        _flipped(good.read_bytes()),
+    ):
         (tmp_path / "bad.npz").write_bytes(content)
         with pytest.raises(MotionError, match=r"bad\.npz") as caught:
             load_motion(tmp_path / "bad.npz")
@@ -87,4 +93,8 @@ def test_broken_files_are_refused(tmp_path: Path) -> None:
 
 def _flipped(content: bytes) -> bytes:
     middle = len(content) // 2
-    return content[:middle] + bytes(byte ^ 0xFF for byte in content[middle : middle + 30]) + content[middle + 30 :]
+    return (
+        content[:middle]
+        + bytes(byte ^ 0xFF for byte in content[middle : middle + 30])
+        + content[middle + 30 :]
+    )

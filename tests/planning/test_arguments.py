@@ -38,20 +38,35 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
         lambda: dvr.plan(dvr.sample_scenes(1)),  # type: ignore[arg-type]
         "the scene is of the type generator; valid is a Scene",
     ),
-    "half an action": (lambda: dvr.plan(SCENE, k_max=2.5), "k_max is 2.5; valid is a whole number from 1."),  # type: ignore[arg-type]
+    "half an action": (
+        lambda: dvr.plan(SCENE, k_max=2.5),
+        "k_max is 2.5; valid is a whole number from 1.",
+    ),  # type: ignore[arg-type]
     "no action": (lambda: dvr.plan(SCENE, k_max=0), "k_max is 0; valid is a whole number from 1."),
-    "a truth value": (lambda: dvr.plan(SCENE, k_max=True), "k_max is True; valid is a whole number from 1."),
+    "a truth value": (
+        lambda: dvr.plan(SCENE, k_max=True),
+        "k_max is True; valid is a whole number from 1.",
+    ),
     "a text as seed": (
         lambda: dvr.plan(SCENE, seed="a"),  # type: ignore[arg-type]
         "the seed is the text 'a'; valid is a whole number from 0.",
     ),
-    "a negative seed": (lambda: dvr.plan(SCENE, seed=-1), "the seed is -1; valid is a whole number from 0."),
+    "a negative seed": (
+        lambda: dvr.plan(SCENE, seed=-1),
+        "the seed is -1; valid is a whole number from 0.",
+    ),
     "a text as time limit": (
         lambda: dvr.plan(SCENE, time_limit="10"),  # type: ignore[arg-type]
         "the time limit is the text '10'; valid is a positive number.",
     ),
-    "no time": (lambda: dvr.plan(SCENE, time_limit=0), "the time limit is 0.0 s; valid is a positive number."),
-    "a time that is no number": (lambda: dvr.plan(SCENE, time_limit=float("nan")), "the time limit is nan s"),
+    "no time": (
+        lambda: dvr.plan(SCENE, time_limit=0),
+        "the time limit is 0.0 s; valid is a positive number.",
+    ),
+    "a time that is no number": (
+        lambda: dvr.plan(SCENE, time_limit=float("nan")),
+        "the time limit is nan s",
+    ),
     "an unknown search": (
         lambda: dvr.plan(SCENE, "dfs"),
         "there is no search 'dfs'; valid: dvr, classifier, mbts, bfs.",

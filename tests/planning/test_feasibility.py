@@ -19,7 +19,9 @@ SCENE = Scene((BOX,), OnRegion("a", Region((-0.1, -0.2), 0.2, (0.22, 0.22))))
 
 def test_verdicts_are_those_of_a_sweep() -> None:
     grounding = ground_scene(SCENE)
-    sequences = [[grounding.actions[i] for i in sequence] for sequence in enumerate_sequences(grounding, 2)]
+    sequences = [
+        [grounding.actions[i] for i in sequence] for sequence in enumerate_sequences(grounding, 2)
+    ]
     verdicts = {verdict.actions: verdict for verdict in feasibility(SCENE, sequences)}
     assert len(verdicts) == len(sequences)
     ((_, labels),) = label_scenes([SCENE], 0, LabelOptions(solutions=10**6, k_max=2), width=1)
@@ -32,7 +34,11 @@ def test_verdicts_are_those_of_a_sweep() -> None:
                 labelled += 1
     assert labelled == len(sequences)
     # 15 cm are too wide for the gripper, 5 cm are not.
-    assert all(verdict.bound == "symbolic" for actions, verdict in verdicts.items() if "y" in actions[0].arguments[1])
+    assert all(
+        verdict.bound == "symbolic"
+        for actions, verdict in verdicts.items()
+        if "y" in actions[0].arguments[1]
+    )
     feasible = [verdict for verdict in verdicts.values() if verdict.feasible]
     assert feasible and all(verdict.violation <= 1 for verdict in feasible)
     for verdict in verdicts.values():
@@ -42,12 +48,20 @@ def test_verdicts_are_those_of_a_sweep() -> None:
 
 def test_a_verdict_does_not_depend_on_what_else_is_asked() -> None:
     arms = SCENE.workcell.arm_names
-    names = [[f"grasp({arm}, {face}, a)", f"place({arm}, a, goal)"] for arm in arms for face in ("+x", "-x")]
+    names = [
+        [f"grasp({arm}, {face}, a)", f"place({arm}, a, goal)"]
+        for arm in arms
+        for face in ("+x", "-x")
+    ]
     together = feasibility(SCENE, [*names, names[0]])
     assert together[0] == together[-1]
     for sequence, verdict in zip(names, together, strict=False):
         (alone,) = feasibility(SCENE, [sequence])
-        assert (alone.actions, alone.feasible, alone.bound) == (verdict.actions, verdict.feasible, verdict.bound)
+        assert (alone.actions, alone.feasible, alone.bound) == (
+            verdict.actions,
+            verdict.feasible,
+            verdict.bound,
+        )
         assert alone.violation == pytest.approx(verdict.violation, nan_ok=True)
 
 
@@ -66,7 +80,10 @@ def test_a_negative_seed_is_refused() -> None:
         (["place(left, a, goal)"], "action 1 of 1: place(left, a, goal) is not applicable"),
         (["grasp(left, +x, a)"], "does not reach the goal"),
         (["grasp(left, +z, a)"], "argument 2 is '+z'; valid: +x"),
-        (["grasp left"], "'grasp left' is no action; valid is for instance 'grasp(left, +x, yellow)'."),
+        (
+            ["grasp left"],
+            "'grasp left' is no action; valid is for instance 'grasp(left, +x, yellow)'.",
+        ),
         ([], "the empty sequence: this sequence of length 0 does not reach the goal"),
     ],
 )
@@ -79,4 +96,6 @@ def test_what_the_logic_forbids_is_named(sequence: list[str], message: str) -> N
 def test_actions_are_read_as_they_are_written() -> None:
     action = Action("grasp", ("left", "+x", "a"))
     assert Action.parse(str(action)) == action
-    assert math.isnan(feasibility(SCENE, [["grasp(left, +y, a)", "place(left, a, goal)"]])[0].violation)
+    assert math.isnan(
+        feasibility(SCENE, [["grasp(left, +y, a)", "place(left, a, goal)"]])[0].violation
+    )

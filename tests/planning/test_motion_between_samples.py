@@ -67,7 +67,9 @@ def replay(scene: Scene, node: Node, path: NlpSolution) -> CheckReport:
 
 
 def test_a_path_that_penetrates_between_its_samples_is_not_feasible(
-    handover: tuple[Scene, SequenceTree, Node], looks: list[PenetrationSamples], monkeypatch: pytest.MonkeyPatch
+    handover: tuple[Scene, SequenceTree, Node],
+    looks: list[PenetrationSamples],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(lane_pool, "EXCHANGES", 0)
     scene, tree, node = handover
@@ -75,7 +77,11 @@ def test_a_path_that_penetrates_between_its_samples_is_not_feasible(
     fraction = looks[-1].fraction[0]
     depth = looks[-1].depth[0]
     assert depth.max() > DEEPEST_CONTACT
-    assert not path.feasible and path.status == SolverStatus.ITERATION_LIMIT and path.relative_violation > 1
+    assert (
+        not path.feasible
+        and path.status == SolverStatus.ITERATION_LIMIT
+        and path.relative_violation > 1
+    )
     assert node.problem is not None
     # They are taken at twentieths of an interval.
     monkeypatch.setattr(path_motion, "SAMPLES_PER_SLICE", 2 * SAMPLES_PER_SLICE)
@@ -109,7 +115,9 @@ def test_paths_side_by_side_are_those_one_by_one(
     monkeypatch.setenv("DVR_JAX_CACHE", "off")  # programs are kept by their shapes
     tasks = []
     rows = list(read_problems())
-    paths_of_two = [i for i, (*_, row) in enumerate(rows) if (row["kind"], row["length"]) == ("path", 2)]
+    paths_of_two = [
+        i for i, (*_, row) in enumerate(rows) if (row["kind"], row["length"]) == ("path", 2)
+    ]
     for scene, actions, _ in (rows[number] for number in (*HANDOVERS, *paths_of_two[:5])):
         tree = SequenceTree(scene, k_max=6)
         model = tree.solver.model
@@ -117,7 +125,11 @@ def test_paths_side_by_side_are_those_one_by_one(
         start = initial_path(model, node.problem, keyframe_start(node.beam, 0, 2))  # type: ignore[arg-type]
         tasks.append((path_problem(node.problem, start), start))  # type: ignore[arg-type]
     problems, starts = zip(*tasks, strict=True)
-    alone = [result for problem, start in tasks for result in solve(model, [problem], [start], Settings())]
+    alone = [
+        result
+        for problem, start in tasks
+        for result in solve(model, [problem], [start], Settings())
+    ]
     needed = len(looks)
     assert needed > len(tasks)
     monkeypatch.setattr(batch_sizes, "CPU", replace(batch_sizes.CPU, path_lanes=3))
@@ -134,7 +146,9 @@ def test_of_a_path_with_samples_at_its_slices_nothing_else_is_looked_at(
     scene, tree, node = handover
     assert node.problem is not None and node.beam is not None
     start = initial_path(tree.solver.model, node.problem, keyframe_start(node.beam, 0, node.depth))
-    (path,) = solve(tree.solver.model, [path_problem(node.problem, start, samples=1)], [start], Settings())
+    (path,) = solve(
+        tree.solver.model, [path_problem(node.problem, start, samples=1)], [start], Settings()
+    )
     assert path.feasible and not looks
     assert replay(scene, node, path).deepest_penetration > DEEPEST_CONTACT
 
@@ -155,7 +169,9 @@ def test_a_motion_starts_and_ends_at_rest_and_keeps_to_the_limits(
     np.testing.assert_allclose(curve(0.0, 1), 0, atol=1e-12)
 
 
-def test_samples_of_a_start_lie_on_the_line_where_it_rests(handover: tuple[Scene, SequenceTree, Node]) -> None:
+def test_samples_of_a_start_lie_on_the_line_where_it_rests(
+    handover: tuple[Scene, SequenceTree, Node],
+) -> None:
     """In the interval before a switch, in which solutions rest too: a sample beside the resting motion would ask for
     a clearance that a placed object cannot have."""
     _, tree, node = handover

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from suction import SUCTION, SUCTION_CHECK
+from add_an_operator import SUCTION, SUCTION_CHECK
 
 from dvr_jax.checker import CHECKS
 from dvr_jax.checker.replay import check_motion
@@ -40,7 +40,10 @@ def test_without_the_operator_there_is_no_plan() -> None:
 def test_a_box_too_wide_for_the_gripper_is_moved(lifted: Plan) -> None:
     assert lifted.solved
     assert [action.operator for action in lifted.actions] == ["suction", "place"]
-    assert lifted.action_descriptions == ("left lifts crate by its top face", "left places crate on goal")
+    assert lifted.action_descriptions == (
+        "left lifts crate by its top face",
+        "left places crate on goal",
+    )
     assert lifted.motion is not None
     assert check(SCENE, lifted.actions, lifted.motion, WITH_CHECK).passed
 
@@ -49,7 +52,9 @@ def test_a_box_too_wide_for_the_gripper_is_moved(lifted: Plan) -> None:
     held = slice(int(lifted.motion.switch[0]), int(lifted.motion.switch[1]))
     np.testing.assert_allclose(lifted.motion.qpos[held][:-10, layout.fingers[0]], 0.0, atol=1e-9)
     assert lifted.motion.qpos[held, layout.objects[0, 2]].max() > WIDE.height / 2 + 0.03
-    assert lifted.scene_after().objects[0].footprint.center == pytest.approx((-0.35, -0.25), abs=0.1)
+    assert lifted.scene_after().objects[0].footprint.center == pytest.approx(
+        (-0.35, -0.25), abs=0.1
+    )
 
 
 def test_the_check_knows_the_operator_only_where_it_is_given(lifted: Plan) -> None:
@@ -58,7 +63,9 @@ def test_the_check_knows_the_operator_only_where_it_is_given(lifted: Plan) -> No
         check_motion(SCENE, lifted.actions, lifted.motion)
     open_fingers = np.array(lifted.motion.qpos)
     open_fingers[:, qpos_layout(SCENE).fingers[0]] = 0.02
-    report = check_motion(SCENE, lifted.actions, replace(lifted.motion, qpos=open_fingers), WITH_CHECK)
+    report = check_motion(
+        SCENE, lifted.actions, replace(lifted.motion, qpos=open_fingers), WITH_CHECK
+    )
     assert "suction fingers" in {finding.kind for finding in report.findings}
 
 
@@ -83,17 +90,30 @@ def test_feasibility_judges_sequences_of_the_operator() -> None:
 
 def test_the_shipped_network_gives_way_to_a_search_that_knows_the_operator() -> None:
     lines: list[str] = []
-    guided = plan(SCENE, "dvr", k_max=2, progress=lines.append, operators=WITH_SUCTION, checks=WITH_CHECK)
-    assert guided.solved and guided.options["search"] == "mbts" and guided.options["network"] is None
+    guided = plan(
+        SCENE, "dvr", k_max=2, progress=lines.append, operators=WITH_SUCTION, checks=WITH_CHECK
+    )
+    assert (
+        guided.solved and guided.options["search"] == "mbts" and guided.options["network"] is None
+    )
     about_the_network = [line for line in lines if "network" in line]
     assert len(about_the_network) == 1
     assert about_the_network[0].startswith("the shipped network does not fit: ")
-    assert "suction" in about_the_network[0] and about_the_network[0].endswith("mbts searches in its place")
+    assert "suction" in about_the_network[0] and about_the_network[0].endswith(
+        "mbts searches in its place"
+    )
 
 
 def test_a_given_network_that_does_not_know_the_operator_is_refused() -> None:
     with pytest.raises(OptionError, match=r"the network does not fit: .*suction"):
-        plan(SCENE, "dvr", k_max=2, network=load_network("dvr"), operators=WITH_SUCTION, checks=WITH_CHECK)
+        plan(
+            SCENE,
+            "dvr",
+            k_max=2,
+            network=load_network("dvr"),
+            operators=WITH_SUCTION,
+            checks=WITH_CHECK,
+        )
 
 
 @pytest.mark.slow

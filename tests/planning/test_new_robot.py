@@ -34,7 +34,9 @@ def facing_arms(robot: Robot) -> Scene:
     """A box that one arm has to give to the other."""
     arms = (Arm("west", (-0.7, 0.0), 0.0, robot.home), Arm("east", (0.7, 0.0), math.pi, robot.home))
     bar = SceneObject("bar", "box", (0.05, 0.24, 0.08), (-0.4, 0.3), 0.4)
-    return Scene((bar,), OnRegion("bar", Region((0.45, 0.25), 0.3, (0.3, 0.3))), Workcell(arms, robot))
+    return Scene(
+        (bar,), OnRegion("bar", Region((0.45, 0.25), 0.3, (0.3, 0.3))), Workcell(arms, robot)
+    )
 
 
 def gripper_poses(robot: Robot, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -100,7 +102,9 @@ def test_two_of_them_hand_a_bar_over(robot: Robot) -> None:
     assert check_motion(scene, found.actions, found.motion).passed
 
 
-def test_a_scene_file_names_it_once_it_is_registered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_scene_file_names_it_once_it_is_registered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     scene = single_arm(SIX_JOINTS)
     with pytest.raises(SceneError, match="no robot is registered as 'six-joints'"):
         save_scene(tmp_path / "scene.json", scene)

@@ -23,10 +23,25 @@ from dvr_jax.shapes import shape as registry
 SCENE_FILE = {
     "version": 1,
     "objects": [
-        {"name": "slab", "shape": "tile", "size": [0.07, 0.06], "position": [-0.35, 0.25], "yaw": 0.4},
-        {"name": "can", "shape": "cylinder", "size": [0.03, 0.12], "position": [0.4, 0.3], "yaw": 0.0},
+        {
+            "name": "slab",
+            "shape": "tile",
+            "size": [0.07, 0.06],
+            "position": [-0.35, 0.25],
+            "yaw": 0.4,
+        },
+        {
+            "name": "can",
+            "shape": "cylinder",
+            "size": [0.03, 0.12],
+            "position": [0.4, 0.3],
+            "yaw": 0.0,
+        },
     ],
-    "goal": {"object": "slab", "region": {"position": [-0.35, -0.25], "yaw": 0.2, "size": [0.12, 0.12]}},
+    "goal": {
+        "object": "slab",
+        "region": {"position": [-0.35, -0.25], "yaw": 0.2, "size": [0.12, 0.12]},
+    },
 }
 
 
@@ -55,7 +70,9 @@ def test_a_scene_with_it_is_planned_and_checked(solved: Plan) -> None:
     assert check_motion(solved.scene, solved.actions, solved.motion).passed
 
 
-def test_the_check_measures_it_by_its_own_formulas(solved: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_check_measures_it_by_its_own_formulas(
+    solved: Plan, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert solved.motion is not None
     thinner = replace(TILE_CHECK, half_width=lambda size, face: 0.025)
     monkeypatch.setitem(check_registry._SHAPE_CHECKS, "tile", thinner)

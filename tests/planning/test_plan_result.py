@@ -34,7 +34,12 @@ SCENE = Scene(
 ACTIONS = tuple(
     map(
         Action.parse,
-        ("grasp(left, +x, a)", "grasp(right, -x, b)", "place(right, b, table)", "place(left, a, goal)"),
+        (
+            "grasp(left, +x, a)",
+            "grasp(right, -x, b)",
+            "place(right, b, table)",
+            "place(left, a, goal)",
+        ),
     )
 )
 SECONDS = {"path": 1 / 3, "total": 0.7123456}
@@ -53,7 +58,15 @@ def make_plan(
             x, y, yaw = poses[item.name]
             # A pose that is off the support by a little and tilted by a little, as a solver leaves it.
             tilt = 1e-4
-            qpos[-1, columns] = [x, y, item.height / 2 + 1e-4, math.cos(yaw / 2), tilt, tilt, math.sin(yaw / 2)]
+            qpos[-1, columns] = [
+                x,
+                y,
+                item.height / 2 + 1e-4,
+                math.cos(yaw / 2),
+                tilt,
+                tilt,
+                math.sin(yaw / 2),
+            ]
     motion = make_motion(np.arange(samples) * 0.1, qpos, 10 * np.arange(1, len(actions) + 1))
     return Plan(
         scene=scene,
@@ -71,7 +84,9 @@ def make_plan(
 
 
 SOLVED = make_plan({"a": (0.0, 0.0, 0.3), "b": (0.2, 0.4, -1.0)})
-UNSOLVED = replace(SOLVED, status=PlanStatus.TIME_LIMIT, actions=(), motion=None, report=None, violations={})
+UNSOLVED = replace(
+    SOLVED, status=PlanStatus.TIME_LIMIT, actions=(), motion=None, report=None, violations={}
+)
 
 
 def test_a_plan_is_one_line() -> None:
@@ -155,12 +170,24 @@ BROKEN: dict[str, tuple[Callable[[Path], None], str]] = {
     "no status": (_drop, "missing required field `status`"),
     "an unknown status": (_edit(status="done"), "Invalid enum value 'done'"),
     "a broken scene": (_edit(scene={"version": 1}), "missing required field `objects`"),
-    "an unsolved plan with actions": (_edit(status="time limit"), "has actions or a check, but its status is"),
+    "an unsolved plan with actions": (
+        _edit(status="time limit"),
+        "has actions or a check, but its status is",
+    ),
     "a plan without a check": (_edit(check=None), "not that it passed the check"),
     "other actions": (_edit(actions=[GRASP] * 4), "do not solve its scene: action 2 of 4"),
-    "an unknown operator": (_edit(actions=[GRASP | {"operator": "throw"}] * 4), "there is no operator 'throw'"),
-    "no trajectory": (lambda folder: (folder / "trajectory.npz").unlink(), "says that the plan is solved, but there"),
-    "a broken trajectory": (lambda folder: (folder / "trajectory.npz").write_text("x"), "trajectory.npz"),
+    "an unknown operator": (
+        _edit(actions=[GRASP | {"operator": "throw"}] * 4),
+        "there is no operator 'throw'",
+    ),
+    "no trajectory": (
+        lambda folder: (folder / "trajectory.npz").unlink(),
+        "says that the plan is solved, but there",
+    ),
+    "a broken trajectory": (
+        lambda folder: (folder / "trajectory.npz").write_text("x"),
+        "trajectory.npz",
+    ),
     "a trajectory of another scene": (_other_motion, "have 32 numbers; the plan's scene has 39."),
     "a trajectory of other actions": (_other_switches, "has 3 switches; the plan has 4 actions."),
 }
@@ -187,8 +214,12 @@ def test_the_scene_after_a_plan_has_its_objects_where_the_motion_ends() -> None:
     after = SOLVED.scene_after()
     validate_scene(after)
     a, b, c = after.objects
-    assert a.position == pytest.approx((0.0, 0.0), abs=1e-12) and a.yaw == pytest.approx(0.3, abs=1e-6)
-    assert b.position == pytest.approx((0.2, 0.4), abs=1e-12) and b.yaw == pytest.approx(-1.0, abs=1e-6)
+    assert a.position == pytest.approx((0.0, 0.0), abs=1e-12) and a.yaw == pytest.approx(
+        0.3, abs=1e-6
+    )
+    assert b.position == pytest.approx((0.2, 0.4), abs=1e-12) and b.yaw == pytest.approx(
+        -1.0, abs=1e-6
+    )
     # What the plan does not touch stays to the last bit.
     assert c == SCENE.objects[2]
     assert (after.goal, after.workcell, after.fixed) == (SCENE.goal, SCENE.workcell, SCENE.fixed)
@@ -203,7 +234,13 @@ def test_the_scene_after_a_plan_has_its_objects_where_the_motion_ends() -> None:
         ({"a": (-0.75 + 0.113, 0.0, 0.0), "b": (0.2, 0.4, 0.0)}, []),
         ({"a": (0.0, 0.0, 0.0), "b": (1.0715, 0.9712, 0.0)}, []),
     ],
-    ids=["two that moved", "one that moved", "both at a third", "an arm's foot", "the table's border"],
+    ids=[
+        "two that moved",
+        "one that moved",
+        "both at a third",
+        "an arm's foot",
+        "the table's border",
+    ],
 )
 def test_overlaps_within_the_tolerances_are_resolved(
     poses: dict[str, tuple[float, float, float]], touching: list[tuple[int, int]]
@@ -214,13 +251,19 @@ def test_overlaps_within_the_tolerances_are_resolved(
     for first, second in touching:
         distance = signed_distance(after.objects[first].footprint, after.objects[second].footprint)
         assert 0 <= distance < 1e-6
-    shifts = [math.dist(item.position, poses[item.name][:2]) for item in after.objects if item.name in poses]
+    shifts = [
+        math.dist(item.position, poses[item.name][:2])
+        for item in after.objects
+        if item.name in poses
+    ]
     assert 0 < max(shifts) < 0.004
     assert after.objects[2] == SCENE.objects[2]
 
 
 def test_deep_overlaps_are_refused() -> None:
-    with pytest.raises(MotionError, match="'a' overlaps its surroundings: it would have to move by 0"):
+    with pytest.raises(
+        MotionError, match="'a' overlaps its surroundings: it would have to move by 0"
+    ):
         make_plan({"a": (0.0, 0.0, 0.0), "b": (0.03, 0.0, 0.0)}).scene_after()
 
 

@@ -23,7 +23,10 @@ def one_box(x: float, y: float) -> Scene:
 @pytest.fixture(scope="module")
 def plans() -> dict[str, Plan]:
     """A box that the left arm can bring to its region, by both searches."""
-    return {search: plan(one_box(-0.4, 0.3), search, k_max=3, time_limit=300) for search in ("mbts", "bfs")}
+    return {
+        search: plan(one_box(-0.4, 0.3), search, k_max=3, time_limit=300)
+        for search in ("mbts", "bfs")
+    }
 
 
 def test_both_find_the_shortest_sequence(plans: dict[str, Plan]) -> None:
@@ -54,7 +57,10 @@ def test_what_no_arm_reaches_exhausts_the_tree(search: str) -> None:
     ("options", "message"),
     [
         ({"search": "dfs"}, "no search 'dfs'; valid: dvr, classifier, mbts, bfs"),
-        ({"search": "mbts", "network": "any"}, "'mbts' takes no network; valid with one: dvr, classifier"),
+        (
+            {"search": "mbts", "network": "any"},
+            "'mbts' takes no network; valid with one: dvr, classifier",
+        ),
         ({"time_limit": 0.0}, "the time limit is 0.0 s"),
     ],
 )
@@ -63,16 +69,22 @@ def test_requests_that_make_no_sense_are_refused(options: dict[str, Any], messag
         plan(one_box(-0.4, 0.3), **options)
 
 
-def test_an_arm_in_collision_at_home_is_refused_before_anything_is_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_arm_in_collision_at_home_is_refused_before_anything_is_compiled(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     left, right = DEFAULT_WORKCELL.arms
     bent = replace(left, home=(0.0, 1.7, 0.0, -0.3, 0.0, 1.6, 0.8))
     workcell = replace(DEFAULT_WORKCELL, arms=(bent, right))
-    monkeypatch.setattr("dvr_jax.planning.planner.warming_up", lambda *arguments: pytest.fail("began to compile"))
+    monkeypatch.setattr(
+        "dvr_jax.planning.planner.warming_up", lambda *arguments: pytest.fail("began to compile")
+    )
     with pytest.raises(DvrError, match="with the arms at home"):
         plan(replace(one_box(-0.4, 0.3), workcell=workcell), "mbts")
 
 
-def test_a_plan_takes_the_place_of_another_that_was_found(plans: dict[str, Plan], tmp_path: Path) -> None:
+def test_a_plan_takes_the_place_of_another_that_was_found(
+    plans: dict[str, Plan], tmp_path: Path
+) -> None:
     result = plans["mbts"]
     result.save(tmp_path, animation=False)
     assert {"trajectory.npz", "film.png"} < {path.name for path in tmp_path.iterdir()}

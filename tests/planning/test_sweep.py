@@ -31,7 +31,18 @@ KILLED_SCENES = 120
 
 
 def sweep(scenes: Path, out: Path, *more: str) -> subprocess.Popen[str]:
-    arguments = ["--scenes", str(scenes), "--out", str(out), "--k-max", "3", "--solutions", "2", "--shard", "1"]
+    arguments = [
+        "--scenes",
+        str(scenes),
+        "--out",
+        str(out),
+        "--k-max",
+        "3",
+        "--solutions",
+        "2",
+        "--shard",
+        "1",
+    ]
     command = [sys.executable, "-m", "dvr_jax.sweep", *arguments, "--workers", "1", *more]
     return subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
 
@@ -45,7 +56,9 @@ def scenes(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_rows_do_not_depend_on_what_shares_a_batch() -> None:
     alone = [label for _, labels in label_scenes(SCENES, 0, OPTIONS, width=1) for label in labels]
-    together = [label for _, labels in label_scenes(SCENES, 0, OPTIONS, width=6) for label in labels]
+    together = [
+        label for _, labels in label_scenes(SCENES, 0, OPTIONS, width=6) for label in labels
+    ]
     assert len(alone) == len(together) > 20
     assert any(label.feasible for label in alone) and any(label.refuted_prefix for label in alone)
     assert all(map(same_label, sort_labels(alone), sort_labels(together)))
@@ -69,7 +82,9 @@ def test_a_killed_sweep_ends_with_the_same_rows(scenes: Path, tmp_path: Path) ->
         == [info.scenes for info in whole]
         == [range(i, i + 1) for i in range(len(SCENES))]
     )
-    assert all(same_rows(read_shard(a.path), read_shard(b.path)) for a, b in zip(cut, whole, strict=True))
+    assert all(
+        same_rows(read_shard(a.path), read_shard(b.path)) for a, b in zip(cut, whole, strict=True)
+    )
     assert all(path.stat().st_mtime_ns == time for path, time in written.items())
     assert (tmp_path / "cut" / "_manifest.json").exists()
 
@@ -92,7 +107,15 @@ def test_ten_kills_at_random_moments_lose_nothing(tmp_path: Path) -> None:
     """Two workers, two boxes, the default options; some kills come before the first shard, some within one."""
     scenes = tuple(sample_scenes(KILLED_SCENES, 2, 5))
     save_scenes(tmp_path / "scenes.jsonl", scenes)
-    command = [sys.executable, "-m", "dvr_jax.sweep", "--scenes", str(tmp_path / "scenes.jsonl"), "--shard", "2"]
+    command = [
+        sys.executable,
+        "-m",
+        "dvr_jax.sweep",
+        "--scenes",
+        str(tmp_path / "scenes.jsonl"),
+        "--shard",
+        "2",
+    ]
     subprocess.run([*command, "--workers", "2", "--out", str(tmp_path / "whole")], check=True)
     killed = [*command, "--workers", "2", "--out", str(tmp_path / "killed")]
     done = []
@@ -107,13 +130,17 @@ def test_ten_kills_at_random_moments_lose_nothing(tmp_path: Path) -> None:
     subprocess.run(killed, check=True)
     cut, whole = list_shards(tmp_path / "killed"), list_shards(tmp_path / "whole")
     assert [info.scenes for info in cut] == [info.scenes for info in whole]
-    assert all(same_rows(read_shard(a.path), read_shard(b.path)) for a, b in zip(cut, whole, strict=True))
+    assert all(
+        same_rows(read_shard(a.path), read_shard(b.path)) for a, b in zip(cut, whole, strict=True)
+    )
     assert sorted(path.name for path in (tmp_path / "killed").iterdir()) == sorted(
         path.name for path in (tmp_path / "whole").iterdir()
     )
 
 
-def test_shards_of_another_version_are_refused(scenes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_shards_of_another_version_are_refused(
+    scenes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Labels depend on the solver."""
     others = footer.versions() | {"dvr_jax": "0.0.1"}
     monkeypatch.setattr(footer, "versions", lambda: others)
@@ -138,7 +165,10 @@ def test_sequences_of_one_length_come_in_an_order_of_the_scene_and_the_seed() ->
         return labelling.arrange(LEAVES)
 
     leaves = list(LEAVES)
-    orders = [order(scene, seed) for scene, seed in ((SCENES[0], 0), (SCENES[0], 0), (SCENES[0], 1), (SCENES[1], 0))]
+    orders = [
+        order(scene, seed)
+        for scene, seed in ((SCENES[0], 0), (SCENES[0], 0), (SCENES[0], 1), (SCENES[1], 0))
+    ]
     assert orders[0] == orders[1] and leaves == LEAVES
     assert all(first != second for first, second in combinations([leaves, *orders[1:]], 2))
     assert all(sorted(map(id, found)) == sorted(map(id, leaves)) for found in orders)

@@ -31,7 +31,16 @@ def cluster() -> Iterator[Cluster]:
 
 def sweep(scenes: Path, out: Path, address: str) -> "subprocess.CompletedProcess[str]":
     options = ["--k-max", "2", "--solutions", "2", "--shard", "1", "--ray", address]
-    command = [sys.executable, "-m", "dvr_jax.sweep", "--scenes", str(scenes), "--out", str(out), *options]
+    command = [
+        sys.executable,
+        "-m",
+        "dvr_jax.sweep",
+        "--scenes",
+        str(scenes),
+        "--out",
+        str(out),
+        *options,
+    ]
     return subprocess.run(command, capture_output=True, text=True)
 
 
@@ -43,7 +52,9 @@ def test_two_nodes_label_the_same_rows(cluster: Cluster, tmp_path: Path) -> None
     assert [info.scenes for info in shards] == [range(i, i + 1) for i in range(4)]
     swept = sort_labels([label for info in shards for label in read_shard(info.path).labels])
     options = LabelOptions(solutions=2, k_max=2)
-    here = sort_labels([label for _, labels in label_scenes(SCENES, 0, options, width=4) for label in labels])
+    here = sort_labels(
+        [label for _, labels in label_scenes(SCENES, 0, options, width=4) for label in labels]
+    )
     assert len(swept) == len(here) > 10
     for there, label in zip(swept, here, strict=True):
         assert replace(there, violation=0.0) == replace(label, violation=0.0)

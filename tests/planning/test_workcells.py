@@ -58,7 +58,10 @@ def test_an_arm_carries_a_box_over_a_wall() -> None:
     require_checked(walled)
 
     # The motion of the open scene would run into the wall.
-    assert free.motion is not None and free.motion.qpos.shape[1] == DEFAULT_WORKCELL.number_of_joints + 4 + 7
+    assert (
+        free.motion is not None
+        and free.motion.qpos.shape[1] == DEFAULT_WORKCELL.number_of_joints + 4 + 7
+    )
     report = check_motion(scene, free.actions, free.motion)
     assert any("fixed/wall" in finding.names for finding in report.findings)
 

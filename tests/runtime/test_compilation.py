@@ -62,7 +62,12 @@ def run(
         **environment,
     }
     code = CODE.format(before=before, between=between, module=module)
-    command = [sys.executable, "-c", code, str(out)]  # which looks for modules where it runs, before PYTHONPATH
+    command = [
+        sys.executable,
+        "-c",
+        code,
+        str(out),
+    ]  # which looks for modules where it runs, before PYTHONPATH
     done = subprocess.run(command, env=environment, cwd=out.parent, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     np.testing.assert_allclose(np.load(out), EXPECTED, rtol=1e-4)
@@ -98,7 +103,9 @@ OTHERS: dict[str, dict[str, object]] = {
 
 
 @pytest.mark.parametrize("other", OTHERS)
-def test_another_surrounding_has_a_program_of_its_own(kept: Path, tmp_path: Path, other: str) -> None:
+def test_another_surrounding_has_a_program_of_its_own(
+    kept: Path, tmp_path: Path, other: str
+) -> None:
     assert [run(kept, tmp_path / "out.npy", **OTHERS[other]) for _ in range(2)] == [1, 0]  # type: ignore[arg-type]
 
 
@@ -106,7 +113,11 @@ def test_edited_sources_are_another_program_and_those_read_before_the_edit_are_n
     kept: Path, tmp_path: Path
 ) -> None:
     copy = tmp_path / "dvr_jax"
-    shutil.copytree(Path(dvr_jax.__file__).parent, copy, ignore=shutil.ignore_patterns("*.npz", "*.png", "__pycache__"))
+    shutil.copytree(
+        Path(dvr_jax.__file__).parent,
+        copy,
+        ignore=shutil.ignore_patterns("*.npz", "*.png", "__pycache__"),
+    )
     environment = {"PYTHONPATH": str(tmp_path), "PYTHONDONTWRITEBYTECODE": "1"}
     assert run(kept, tmp_path / "out.npy", environment=environment) == 0
     edit = f"open({str(copy / 'errors.py')!r}, 'a').write('# edited')"
@@ -155,14 +166,20 @@ def test_programs_whose_static_data_holds_a_function_of_another_program_are_not_
 ) -> None:
     """As the inverse kinematics of a robot that a user defines: its edited source would not be noticed."""
     between = HOLDER.replace("KINEMATICS", kinematics)
-    assert [run(tmp_path / "cache", tmp_path / "out.npy", between=between) for _ in range(2)] == traces
+    assert [
+        run(tmp_path / "cache", tmp_path / "out.npy", between=between) for _ in range(2)
+    ] == traces
     assert (tmp_path / "cache").exists() == (traces[1] == 0)
 
 
 def test_the_oldest_programs_go(kept: Path, tmp_path: Path) -> None:
     for number in range(KEPT + 3):
         (kept / f"programs-{number}").mkdir()
-    run(kept, tmp_path / "out.npy", before="import importlib.metadata as m; m.version = lambda name: '0'")
+    run(
+        kept,
+        tmp_path / "out.npy",
+        before="import importlib.metadata as m; m.version = lambda name: '0'",
+    )
     assert len(list(kept.glob("programs-*"))) == KEPT
 
 

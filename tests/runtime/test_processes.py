@@ -48,7 +48,10 @@ def test_workers_end_with_their_parent(tmp_path: Path, end: str) -> None:
     script.write_text(CODE)
     begun.mkdir()
     parent = subprocess.Popen(
-        [sys.executable, str(script), str(begun), end], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+        [sys.executable, str(script), str(begun), end],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
     )
     assert parent.stdout is not None and parent.stdout.readline() == "ready\n"
     workers = {int(path.read_text()) for path in begun.iterdir()}

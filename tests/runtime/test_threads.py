@@ -16,7 +16,9 @@ def _needs_a_library_that_is_known() -> None:
 
 
 def threads() -> list[int]:
-    return [library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"]
+    return [
+        library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"
+    ]
 
 
 def test_overlapping_blocks_end_with_the_last() -> None:
@@ -43,7 +45,9 @@ def test_blocks_of_two_threads_overlap(begins_first: str, ends_first: str) -> No
         for enter in entries if begins_first == "this thread" else entries[::-1]:
             enter()
             assert set(threads()) == {1}
-        first, last = (here.close, other.leave) if ends_first == "this thread" else (other.leave, here.close)
+        first, last = (
+            (here.close, other.leave) if ends_first == "this thread" else (other.leave, here.close)
+        )
         first()
         assert set(threads()) == {1}
         last()

@@ -87,7 +87,9 @@ def test_masks_lie_where_things_stand() -> None:
     world_x, world_y = np.meshgrid(x, -x)  # of each pixel's ray on the table
     goal = np.abs(world_x) + np.abs(world_y + 0.3) <= 0.15 * math.sqrt(2)
     assert (image.goal_mask == goal).mean() > 0.9999
-    assert np.all(image.goal_mask & image.object_masks[1] == image.object_masks[1] & goal)  # occupied, not cut out
+    assert np.all(
+        image.goal_mask & image.object_masks[1] == image.object_masks[1] & goal
+    )  # occupied, not cut out
     for mask, item in zip(image.object_masks, SCENE.objects, strict=True):
         assert world_x[mask].mean() == pytest.approx(item.position[0], abs=0.02)
         assert world_y[mask].mean() == pytest.approx(item.position[1], abs=0.04)
@@ -102,11 +104,17 @@ def test_multi_ray_misses_nothing(camera: Pinhole) -> None:
     groups, nearest = np.array([0, 1, 1, 0, 0, 0], dtype=np.uint8), np.zeros(1, dtype=np.int32)
     rays = camera.pixel_rays(40, 40)
     for _ in range(6):
-        data.qpos[layout.arm_joints] = generator.uniform(*PANDA.joint_limits, layout.arm_joints.shape)
+        data.qpos[layout.arm_joints] = generator.uniform(
+            *PANDA.joint_limits, layout.arm_joints.shape
+        )
         mujoco.mj_forward(model, data)
         hits = cast_rays(model, data, camera.position, rays, (SOLID_GROUP, LOOKS_GROUP))
-        for ray, distance, geom in zip(rays.reshape(-1, 3), hits.distance.ravel(), hits.geom.ravel(), strict=True):
-            expected = mujoco.mj_ray(model, data, np.array(camera.position), ray, groups, True, -1, nearest, None)
+        for ray, distance, geom in zip(
+            rays.reshape(-1, 3), hits.distance.ravel(), hits.geom.ravel(), strict=True
+        ):
+            expected = mujoco.mj_ray(
+                model, data, np.array(camera.position), ray, groups, True, -1, nearest, None
+            )
             assert (expected < 0) == (geom < 0)
             assert geom < 0 or distance == pytest.approx(expected, abs=1e-9)
 
@@ -126,7 +134,11 @@ def test_hidden_objects_have_empty_masks() -> None:
 
 def test_the_initial_state_is_seen_as_any_state_is() -> None:
     """Only the rays near objects are cast; all objects, some under the arms, are seen as if all rays were."""
-    scenes = [*sample_scenes(10, 2, 1), *sample_scenes(5, 5, 1), *sample_scenes(5, 2, 1, SceneDistribution("cylinder"))]
+    scenes = [
+        *sample_scenes(10, 2, 1),
+        *sample_scenes(5, 5, 1),
+        *sample_scenes(5, 2, 1, SceneDistribution("cylinder")),
+    ]
     crowded = SceneDistribution(fixed_bodies=(1, 4))
     for workcell in WORKCELLS.values():
         scenes += sample_scenes(2, 2, 1, crowded, workcell)
@@ -148,7 +160,9 @@ def test_fixed_bodies_are_seen_as_heights(workcell: Workcell) -> None:
     )
     board = FixedBody("board", "box", (0.3, 0.3, 0.02), (0.25, 0.5, 0.25), 0.0)
     post = FixedBody("post", "cylinder", (0.05, 0.3), (0.0, 0.7, 0.15), 0.0)
-    scene = make_scene(objects, OnRegion("seen", Region((0.0, 0.3), 0.0, (0.2, 0.2))), workcell, (board, post))
+    scene = make_scene(
+        objects, OnRegion("seen", Region((0.0, 0.3), 0.0, (0.2, 0.2))), workcell, (board, post)
+    )
     size = 200
     image = render_depth(scene, size, size)
     height = empty_depth(workcell, size, size) - image.depth

@@ -108,15 +108,23 @@ def test_frames_are_those_of_the_table(model: mujoco.MjModel) -> None:
                 if row < 7:
                     body = data.body(f"{name}/link{row + 1}")
                     np.testing.assert_allclose(body.xpos, T_world_link[:3, 3], atol=1e-12)
-                    np.testing.assert_allclose(body.xmat.reshape(3, 3), T_world_link[:3, :3], atol=1e-12)
+                    np.testing.assert_allclose(
+                        body.xmat.reshape(3, 3), T_world_link[:3, :3], atol=1e-12
+                    )
             T_world_hand = T_world_link @ rotation_z(-math.pi / 4)
             hand, gripper = data.body(f"{name}/hand"), data.site(f"{name}/gripper")
             np.testing.assert_allclose(hand.xpos, T_world_hand[:3, 3], atol=1e-12)
             np.testing.assert_allclose(hand.xmat.reshape(3, 3), T_world_hand[:3, :3], atol=1e-12)
-            np.testing.assert_allclose(gripper.xpos, (T_world_hand @ [0, 0, 0.1034, 1])[:3], atol=1e-12)
-            for side, sign, travel in zip(("left", "right"), (1, -1), data.qpos[layout.fingers[arm]], strict=True):
+            np.testing.assert_allclose(
+                gripper.xpos, (T_world_hand @ [0, 0, 0.1034, 1])[:3], atol=1e-12
+            )
+            for side, sign, travel in zip(
+                ("left", "right"), (1, -1), data.qpos[layout.fingers[arm]], strict=True
+            ):
                 expected = (T_world_hand @ [0, sign * travel, 0.0584, 1])[:3]
-                np.testing.assert_allclose(data.body(f"{name}/finger_{side}").xpos, expected, atol=1e-12)
+                np.testing.assert_allclose(
+                    data.body(f"{name}/finger_{side}").xpos, expected, atol=1e-12
+                )
 
 
 def test_layout_limits_and_home(model: mujoco.MjModel) -> None:
@@ -132,19 +140,42 @@ def test_layout_limits_and_home(model: mujoco.MjModel) -> None:
             assert joint.qposadr[0] == layout.fingers[arm, index]
             assert tuple(joint.range) == (0.0, 0.04)
     for index, item in enumerate(SCENE.objects):
-        assert model.joint(f"{object_body_name(item.name)}/joint").qposadr[0] == layout.objects[index, 0]
+        assert (
+            model.joint(f"{object_body_name(item.name)}/joint").qposadr[0]
+            == layout.objects[index, 0]
+        )
     np.testing.assert_allclose(model.key("home").qpos, home_qpos(SCENE), atol=1e-15)
     # The maker's home posture: gripper 0.307 m before the base, pointing down.
     data = build_home_data(model)
-    np.testing.assert_allclose(data.site("left/gripper").xpos, [-0.75 + 0.3069, 0.0, 0.4869], atol=1e-4)
-    np.testing.assert_allclose(data.site("right/gripper").xmat.reshape(3, 3)[:, 2], [0, 0, -1], atol=1e-12)
+    np.testing.assert_allclose(
+        data.site("left/gripper").xpos, [-0.75 + 0.3069, 0.0, 0.4869], atol=1e-4
+    )
+    np.testing.assert_allclose(
+        data.site("right/gripper").xmat.reshape(3, 3)[:, 2], [0, 0, -1], atol=1e-12
+    )
 
 
 def test_xml_stands_alone_and_is_the_same_model(model: mujoco.MjModel) -> None:
     again = mujoco.MjModel.from_xml_string(scene_xml(SCENE))
-    assert (again.nq, again.nv, again.ngeom, again.nu) == (model.nq, model.nv, model.ngeom, model.nu)
-    for name in ("body_pos", "body_quat", "geom_pos", "geom_size", "geom_quat", "jnt_range", "key_qpos", "cam_pos"):
-        np.testing.assert_allclose(getattr(again, name), getattr(model, name), atol=6e-6, err_msg=name)
+    assert (again.nq, again.nv, again.ngeom, again.nu) == (
+        model.nq,
+        model.nv,
+        model.ngeom,
+        model.nu,
+    )
+    for name in (
+        "body_pos",
+        "body_quat",
+        "geom_pos",
+        "geom_size",
+        "geom_quat",
+        "jnt_range",
+        "key_qpos",
+        "cam_pos",
+    ):
+        np.testing.assert_allclose(
+            getattr(again, name), getattr(model, name), atol=6e-6, err_msg=name
+        )
     assert again.geom_contype.tolist() == model.geom_contype.tolist()
     assert object_body_name(ODD_NAME) in [again.body(index).name for index in range(again.nbody)]
 
@@ -171,7 +202,9 @@ def test_finger_pads_lie_at_half_the_opening(model: mujoco.MjModel) -> None:
         assert gap == pytest.approx(2 * travel, abs=1e-9)
     # The capsules' axes end level with the gripper center; at home the hand points down.
     axis = data.geom_xmat[fingers[0]].reshape(3, 3)[2, 2] * model.geom_size[fingers[0], 1]
-    assert data.geom_xpos[fingers[0], 2] - abs(axis) == pytest.approx(data.site("left/gripper").xpos[2], abs=1e-9)
+    assert data.geom_xpos[fingers[0], 2] - abs(axis) == pytest.approx(
+        data.site("left/gripper").xpos[2], abs=1e-9
+    )
 
 
 def test_who_touches_whom(model: mujoco.MjModel) -> None:
@@ -194,7 +227,9 @@ def test_who_touches_whom(model: mujoco.MjModel) -> None:
 
 def test_objects_stand_where_the_scene_says_and_stay(model: mujoco.MjModel) -> None:
     data, layout = build_home_data(model), qpos_layout(SCENE)
-    assert data.ncon == 0 or {"table"} <= {model.geom(g).name for pair in data.contact.geom for g in pair}
+    assert data.ncon == 0 or {"table"} <= {
+        model.geom(g).name for pair in data.contact.geom for g in pair
+    }
     for _ in range(500):
         mujoco.mj_step(model, data)
     start = home_qpos(SCENE)
@@ -207,17 +242,27 @@ def test_objects_stand_where_the_scene_says_and_stay(model: mujoco.MjModel) -> N
 
 def test_names_of_objects_never_clash() -> None:
     names = ["a b", "a%20b", "a+b", "left/hand", "table", "goal", "A b", "a/b"]
-    objects = [SceneObject(name, "box", (0.05, 0.05, 0.05), (0.0, -0.4 + 0.1 * i), 0.0) for i, name in enumerate(names)]
+    objects = [
+        SceneObject(name, "box", (0.05, 0.05, 0.05), (0.0, -0.4 + 0.1 * i), 0.0)
+        for i, name in enumerate(names)
+    ]
     model = build_model(Scene(tuple(objects), OnRegion("goal", REGION)))
     assert model.nq == 18 + 7 * len(names)
-    assert mujoco.MjModel.from_xml_string(scene_xml(Scene(tuple(objects), OnRegion("goal", REGION)))).nq == model.nq
+    assert (
+        mujoco.MjModel.from_xml_string(
+            scene_xml(Scene(tuple(objects), OnRegion("goal", REGION)))
+        ).nq
+        == model.nq
+    )
 
 
 def test_a_home_in_collision_is_refused_with_both_names() -> None:
     require_free_home(SCENE)
     tall = SceneObject("tower, no", "box", (0.1, 0.1, 0.6), (-0.45, 0.0), 0.0)
     goal = OnRegion(tall.name, Region((0.3, 0.2), 0.0, (0.2, 0.2)))
-    with pytest.raises(DvrError, match=r"with the arms at home left/.* and object/tower, no penetrate by"):
+    with pytest.raises(
+        DvrError, match=r"with the arms at home left/.* and object/tower, no penetrate by"
+    ):
         require_free_home(Scene((tall,), goal))
     low = (0.0, 0.9, 0.0, -1.9, 0.0, 2.8, 0.8)
     with pytest.raises(DvrError, match=r"table.* penetrate by"):
@@ -234,7 +279,10 @@ def test_what_is_drawn_of_a_base_stands_on_its_foot(arm: int) -> None:
     for geom in np.flatnonzero((model.geom_bodyid == body) & (model.geom_group == LOOKS_GROUP)):
         low = model.geom_pos[geom][2] - model.geom_aabb[geom, 5]
         if low < 0.03:
-            center, half = model.geom_pos[geom] + model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
+            center, half = (
+                model.geom_pos[geom] + model.geom_aabb[geom, :3],
+                model.geom_aabb[geom, 3:],
+            )
             reach = np.maximum(reach, [half[0] - center[0], half[1] + abs(center[1])])
     assert 0.1 < reach[0] <= PANDA.base_foot.length
     assert 0.05 < reach[1] <= max(PANDA.base_foot.radius, PANDA.base_foot.width / 2)
@@ -250,14 +298,20 @@ def test_every_workcell_stands_where_it_says(workcell: Workcell) -> None:
     for index, arm in enumerate(workcell.arms):
         base = data.body(f"{arm.name}/base")
         np.testing.assert_allclose(base.xpos, base_positions(workcell)[index], atol=1e-15)
-        np.testing.assert_allclose(base.xmat.reshape(3, 3), base_rotations(workcell)[index], atol=1e-15)
+        np.testing.assert_allclose(
+            base.xmat.reshape(3, 3), base_rotations(workcell)[index], atol=1e-15
+        )
         for joint, address in enumerate(layout.arm_joints[index]):
             assert model.joint(f"{arm.name}/joint{joint + 1}").qposadr[0] == address
         assert model.joint(f"{arm.name}/finger_joint_left").qposadr[0] == layout.fingers[index, 0]
         # The maker's home posture: gripper 0.307 m before the base.
-        expected = np.array(arm.position) + 0.3069 * np.array([math.cos(arm.yaw), math.sin(arm.yaw)])
+        expected = np.array(arm.position) + 0.3069 * np.array(
+            [math.cos(arm.yaw), math.sin(arm.yaw)]
+        )
         np.testing.assert_allclose(data.site(f"{arm.name}/gripper").xpos[:2], expected, atol=1e-4)
-    np.testing.assert_allclose(model.key("home").ctrl, home_qpos(scene)[: 9 * workcell.number_of_arms])
+    np.testing.assert_allclose(
+        model.key("home").ctrl, home_qpos(scene)[: 9 * workcell.number_of_arms]
+    )
     again = mujoco.MjModel.from_xml_string(scene_xml(scene))
     np.testing.assert_allclose(again.body_pos, model.body_pos, atol=6e-6)
 
@@ -292,7 +346,9 @@ def test_fixed_bodies_are_part_of_the_model() -> None:
         np.testing.assert_allclose(geom.size[: len(size)], size)
         pose = data.geom(geom.name)
         np.testing.assert_allclose(pose.xpos, fixed.position)
-        np.testing.assert_allclose(pose.xmat.reshape(3, 3), rotation_z(fixed.yaw)[:3, :3], atol=1e-15)
+        np.testing.assert_allclose(
+            pose.xmat.reshape(3, 3), rotation_z(fixed.yaw)[:3, :3], atol=1e-15
+        )
 
 
 def test_arms_and_objects_collide_with_fixed_bodies() -> None:
@@ -307,10 +363,15 @@ def test_arms_and_objects_collide_with_fixed_bodies() -> None:
     mujoco.mj_collision(model, data)
     pairs = {frozenset(model.geom(g).name for g in pair) for pair in data.contact.geom}
     assert {"object/can", "fixed/post"} in pairs
-    assert any("fixed/a%20wall" in pair and any(name.startswith("left/") for name in pair) for pair in pairs)
+    assert any(
+        "fixed/a%20wall" in pair and any(name.startswith("left/") for name in pair)
+        for pair in pairs
+    )
 
 
 def test_a_fixed_body_in_an_arm_at_home_is_refused() -> None:
     high = replace(WALL, position=(-0.44, 0.0, 0.3))
-    with pytest.raises(SceneError, match=r"with the arms at home left/.* and fixed/a wall penetrate by"):
+    with pytest.raises(
+        SceneError, match=r"with the arms at home left/.* and fixed/a wall penetrate by"
+    ):
         require_free_home(make_scene(SCENE.objects[1:], OnRegion(ODD_NAME, REGION), fixed=[high]))

@@ -20,7 +20,12 @@ from dvr_jax.scene.files import (
 )
 from dvr_jax.scene.fixed_sampling import add_fixed_bodies
 from dvr_jax.scene.mjcf import build_home_data, build_model, require_free_home
-from dvr_jax.scene.sampling import DEFAULT_DISTRIBUTION, SceneDistribution, sample_scene, sample_scenes
+from dvr_jax.scene.sampling import (
+    DEFAULT_DISTRIBUTION,
+    SceneDistribution,
+    sample_scene,
+    sample_scenes,
+)
 from dvr_jax.workcell.panda import PANDA
 from dvr_jax.workcell.workcell import DEFAULT_WORKCELL, WORKCELLS, Arm, Table, Workcell
 
@@ -64,7 +69,12 @@ def test_a_longer_draw_begins_with_the_shorter() -> None:
 
 def test_half_of_the_targets_are_occupied() -> None:
     shares = [
-        np.mean([occupied(scene) for scene in sample_scenes(300, 2, 1, SceneDistribution(occupied_share=share))])
+        np.mean(
+            [
+                occupied(scene)
+                for scene in sample_scenes(300, 2, 1, SceneDistribution(occupied_share=share))
+            ]
+        )
         for share in (0.0, 0.5, 1.0)
     ]
     assert shares[0] < 0.08 and 0.42 < shares[1] < 0.62 and shares[2] == 1.0
@@ -100,7 +110,10 @@ def test_no_object_touches_an_arm_at_home() -> None:
         ({"fixed_bodies": (-1, 1)}, "fixed_bodies is .*; valid are whole numbers from 0 to 16"),
         ({"fixed_bodies": (0, 17)}, "fixed_bodies is .*; valid are whole numbers from 0 to 16"),
         ({"fixed_bodies": (0.5, 1.5)}, "fixed_bodies is .*; valid are whole numbers from 0 to 16"),
-        ({"wide_side": (0.04, 3.0), "narrow_side": (3.0, 3.0), "cube_share": 0.0}, "none of 5000 scenes"),
+        (
+            {"wide_side": (0.04, 3.0), "narrow_side": (3.0, 3.0), "cube_share": 0.0},
+            "none of 5000 scenes",
+        ),
     ],
 )
 def test_refuses_distributions(change: dict[str, object], message: str) -> None:
@@ -137,7 +150,9 @@ def test_scenes_of_every_workcell(workcell: Workcell) -> None:
             assert low <= min(math.dist(position, arm.position) for arm in workcell.arms) <= high
 
 
-@pytest.mark.parametrize(("name", "number"), [("facing", (1, 3)), ("single", (1, 3)), ("side-by-side", (4, 8))])
+@pytest.mark.parametrize(
+    ("name", "number"), [("facing", (1, 3)), ("single", (1, 3)), ("side-by-side", (4, 8))]
+)
 def test_scenes_with_fixed_bodies(name: str, number: tuple[int, int]) -> None:
     """They are those without fixed bodies, and some more stands in them."""
     distribution = SceneDistribution(fixed_bodies=number)
@@ -165,5 +180,8 @@ def test_a_full_table_has_no_place_for_fixed_bodies(monkeypatch: pytest.MonkeyPa
 def full_scene() -> Scene:
     """A small table between two blocks, one of which the arm at home touches: nothing that is added is valid."""
     workcell = Workcell((Arm("arm", (0.0, 0.0), 0.0),), table=Table((0.22, 0.22)))
-    blocks = [SceneObject(str(i), "box", (0.05, 0.44, 2.0), (x, 0.0), 0.0) for i, x in enumerate((-0.195, 0.195))]
+    blocks = [
+        SceneObject(str(i), "box", (0.05, 0.44, 2.0), (x, 0.0), 0.0)
+        for i, x in enumerate((-0.195, 0.195))
+    ]
     return make_scene(blocks, OnRegion("0", Region((0.0, 0.0), 0.0, (0.05, 0.44))), workcell)

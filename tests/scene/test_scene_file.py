@@ -38,10 +38,25 @@ from dvr_jax.workcell.workcell import (
 RECORD: dict[str, Any] = {
     "version": 1,
     "objects": [
-        {"name": "yellow", "shape": "box", "size": [0.05, 0.2, 0.1], "position": [-0.4, 0.1], "yaw": 0.3},
-        {"name": "can", "shape": "cylinder", "size": [0.03, 0.12], "position": [0.2, -0.1], "yaw": 0.0},
+        {
+            "name": "yellow",
+            "shape": "box",
+            "size": [0.05, 0.2, 0.1],
+            "position": [-0.4, 0.1],
+            "yaw": 0.3,
+        },
+        {
+            "name": "can",
+            "shape": "cylinder",
+            "size": [0.03, 0.12],
+            "position": [0.2, -0.1],
+            "yaw": 0.0,
+        },
     ],
-    "goal": {"object": "yellow", "region": {"position": [0.3, 0.2], "yaw": 0.1, "size": [0.24, 0.22]}},
+    "goal": {
+        "object": "yellow",
+        "region": {"position": [0.3, 0.2], "yaw": 0.1, "size": [0.24, 0.22]},
+    },
 }
 
 
@@ -51,13 +66,30 @@ SECOND: dict[str, Any] = RECORD | {
         "robot": "panda",
         "arms": [
             {"name": "west", "position": [-0.6, 0.0], "yaw": 0.1},
-            {"name": "east", "position": [0.6, 0.1], "yaw": 3.0, "home": [0.1, -0.5, 0.0, -2.0, 0.0, 1.5, 0.7]},
+            {
+                "name": "east",
+                "position": [0.6, 0.1],
+                "yaw": 3.0,
+                "home": [0.1, -0.5, 0.0, -2.0, 0.0, 1.5, 0.7],
+            },
         ],
         "table": {"half_extents": [1.0, 0.8], "thickness": 0.03},
     },
     "fixed": [
-        {"name": "wall", "shape": "box", "size": [0.5, 0.05, 0.3], "position": [0.0, 0.6, 0.15], "yaw": 0.2},
-        {"name": "post", "shape": "cylinder", "size": [0.05, 0.2], "position": [0.0, -0.6, 0.5], "yaw": 0.0},
+        {
+            "name": "wall",
+            "shape": "box",
+            "size": [0.5, 0.05, 0.3],
+            "position": [0.0, 0.6, 0.15],
+            "yaw": 0.2,
+        },
+        {
+            "name": "post",
+            "shape": "cylinder",
+            "size": [0.05, 0.2],
+            "position": [0.0, -0.6, 0.5],
+            "yaw": 0.0,
+        },
     ],
 }
 """A scene that uses all of version 2."""
@@ -147,14 +179,26 @@ def test_the_shipped_scene_is_valid() -> None:
         ("{}", "missing required field `version`"),
         (changed("version", 3), "version: .*3; valid are 1 and 2"),
         (changed("version", "1"), "version: .*; valid are 1 and 2"),
-        (json.dumps(RECORD).replace('"yaw": 0.3', '"yaw": 0.3, "yaw": 0.3'), "the key `yaw` occurs 2 times; each key"),
+        (
+            json.dumps(RECORD).replace('"yaw": 0.3', '"yaw": 0.3, "yaw": 0.3'),
+            "the key `yaw` occurs 2 times; each key",
+        ),
         (changed("version", ...), "missing required field `version`"),
         (changed("objects", ...), "missing required field `objects`"),
         (changed("goal", ...), "missing required field `goal`"),
-        (changed("colour", "red"), "unknown field `colour`; valid keys are version, objects, goal, home"),
-        (changed("objects.0.mass", 1), r"objects\[0\]: .*`mass`; valid keys are name, shape, size, position, yaw"),
+        (
+            changed("colour", "red"),
+            "unknown field `colour`; valid keys are version, objects, goal, home",
+        ),
+        (
+            changed("objects.0.mass", 1),
+            r"objects\[0\]: .*`mass`; valid keys are name, shape, size, position, yaw",
+        ),
         (changed("goal.mass", 1), "goal: .*`mass`; valid keys are object, region"),
-        (changed("goal.region.mass", 1), "goal.region: .*`mass`; valid keys are position, yaw, size"),
+        (
+            changed("goal.region.mass", 1),
+            "goal.region: .*`mass`; valid keys are position, yaw, size",
+        ),
         (changed("home", {"middle": []}), "home: .*`middle`; valid keys are left, right"),
         (changed("objects", {}), "objects: Expected `array`, got `object`"),
         (changed("objects", []), "the scene has 0 objects; valid are 1 to 8"),
@@ -165,28 +209,55 @@ def test_the_shipped_scene_is_valid() -> None:
         (changed("objects.1.name", " a"), "name is ' a'.*no blanks"),
         (changed("goal.region.size", [0.03, 0.03]), "the goal region of .* cannot hold 'yellow'"),
         (changed("objects.1.name", 3), r"objects\[1\].name: Expected `str`, got `int`"),
-        (changed("objects.1.shape", "ball"), "object 'can' has the shape 'ball'; valid are 'box' and 'cylinder'"),
-        (changed("objects.1.shape", "box"), "size of the object 'can' is .* 2 numbers; valid are 3"),
+        (
+            changed("objects.1.shape", "ball"),
+            "object 'can' has the shape 'ball'; valid are 'box' and 'cylinder'",
+        ),
+        (
+            changed("objects.1.shape", "box"),
+            "size of the object 'can' is .* 2 numbers; valid are 3",
+        ),
         (changed("objects.0.size", [0.1, 0.1]), "2 numbers; valid are 3"),
         (changed("objects.0.size", [0.1, 0.1, 0.1, 0.1]), "4 numbers; valid are 3"),
-        (changed("objects.0.size", [0.1, 0.0, 0.1]), "size of the object 'yellow' is .*at least 0.001"),
-        (changed("objects.0.size", [0.1, -0.1, 0.1]), "size of the object 'yellow' is .*at least 0.001"),
-        (changed("objects.0.size", [0.1, "0.1", 0.1]), r"objects\[0\].size\[1\]: Expected `float`, got `str`"),
+        (
+            changed("objects.0.size", [0.1, 0.0, 0.1]),
+            "size of the object 'yellow' is .*at least 0.001",
+        ),
+        (
+            changed("objects.0.size", [0.1, -0.1, 0.1]),
+            "size of the object 'yellow' is .*at least 0.001",
+        ),
+        (
+            changed("objects.0.size", [0.1, "0.1", 0.1]),
+            r"objects\[0\].size\[1\]: Expected `float`, got `str`",
+        ),
         (changed("objects.0.size", [0.1, math.nan, 0.1]), "NaN and infinity are no JSON numbers"),
         (changed("objects.0.yaw", math.inf), "NaN and infinity are no JSON numbers"),
         (changed("objects.0.yaw", None), r"objects\[0\].yaw: Expected `float`, got `null`"),
         (changed("objects.0.yaw", ...), "missing required field `yaw`"),
         (json.dumps(RECORD).replace("0.3}", "1e999}"), r"objects\[0\].yaw: Number out of range"),
-        (changed("objects.0.position", [0.1]), r"objects\[0\].position: Expected `array` of length 2"),
+        (
+            changed("objects.0.position", [0.1]),
+            r"objects\[0\].position: Expected `array` of length 2",
+        ),
         (changed("objects.0.position", [1.05, 0.5]), "'yellow' at .* reaches off the table"),
         (changed("objects.0.position", [0.0, 0.95]), "'yellow' at .* reaches off the table"),
         (changed("objects.0.position", [1e308, 0.0]), "'yellow' at .* reaches off the table"),
         (changed("objects.1.position", [0.72, 0.05]), "'can' at .* overlaps the right arm's base"),
         (changed("objects.1.position", [-0.69, 0.0]), "'can' at .* overlaps the left arm's base"),
         (changed("objects.1.position", [-0.89, 0.0]), "'can' at .* overlaps the left arm's base"),
-        (changed("objects.1.size", [0.03, 2.1]), "size of the object 'can' is .*at least 0.001 and at most 2 m"),
-        (changed("objects.0.yaw", 1e300), "yaw of the object 'yellow' is .*at least -1000 and at most 1000 rad"),
-        (changed("goal.region.yaw", -1e4), "goal region's yaw is .*at least -1000 and at most 1000 rad"),
+        (
+            changed("objects.1.size", [0.03, 2.1]),
+            "size of the object 'can' is .*at least 0.001 and at most 2 m",
+        ),
+        (
+            changed("objects.0.yaw", 1e300),
+            "yaw of the object 'yellow' is .*at least -1000 and at most 1000 rad",
+        ),
+        (
+            changed("goal.region.yaw", -1e4),
+            "goal region's yaw is .*at least -1000 and at most 1000 rad",
+        ),
         (
             json.dumps(RECORD) + "\n" + json.dumps(RECORD),
             "not valid JSON .*valid is one scene, and in a file of scenes",
@@ -196,7 +267,10 @@ def test_the_shipped_scene_is_valid() -> None:
         (changed("goal.region.position", [1.0, 0.2]), "goal region at .* reaches off the table"),
         (changed("goal.region.size", [0.1, 0.0]), "goal region's size is .*at least 0.001"),
         (changed("home", {"left": [0.0] * 6}), "left arm's home is .* 6 numbers; valid are 7"),
-        (changed("home", {"right": [0, 0, 0, 0, 0, 0, 0]}), "joint 4 of the right arm's home is 0 rad; valid is -3.07"),
+        (
+            changed("home", {"right": [0, 0, 0, 0, 0, 0, 0]}),
+            "joint 4 of the right arm's home is 0 rad; valid is -3.07",
+        ),
     ],
 )
 def test_refuses(text: str, message: str) -> None:
@@ -233,8 +307,12 @@ def test_reads_version_2() -> None:
 def test_version_1_is_written_where_it_can_say_all() -> None:
     """Reading the least file of version 2 gives what version 1 says, and is written as that."""
     scene = scene_from_json(json.dumps(RECORD | {"version": 2}))
-    assert scene == scene_from_json(json.dumps(RECORD)) and json.loads(scene_to_json(scene)) == RECORD
-    fixed = replace(scene, fixed=(FixedBody("wall", "box", (0.5, 0.05, 0.3), (0.0, 0.6, 0.15), 0.2),))
+    assert (
+        scene == scene_from_json(json.dumps(RECORD)) and json.loads(scene_to_json(scene)) == RECORD
+    )
+    fixed = replace(
+        scene, fixed=(FixedBody("wall", "box", (0.5, 0.05, 0.3), (0.0, 0.6, 0.15), 0.2),)
+    )
     assert json.loads(scene_to_json(fixed)) == RECORD | {"version": 2, "fixed": SECOND["fixed"][:1]}
 
 
@@ -258,7 +336,10 @@ def test_homes_of_every_arm_come_back() -> None:
 
 def test_a_robot_that_is_not_registered_cannot_be_written() -> None:
     scene = scene_from_json(json.dumps(RECORD))
-    for name, message in (("panda", "another robot is registered as 'panda'"), ("ufo", "there is no robot 'ufo'")):
+    for name, message in (
+        ("panda", "another robot is registered as 'panda'"),
+        ("ufo", "there is no robot 'ufo'"),
+    ):
         other = replace(PANDA, name=name, mjcf=PANDA.mjcf + "<!-- -->")
         with pytest.raises(DvrError, match=message):
             scene_to_json(replace(scene, workcell=replace(DEFAULT_WORKCELL, robot=other)))
@@ -270,49 +351,124 @@ NAME_OF_101 = "n" * 101
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (changed2("home", {}), "unknown field `home`; valid keys are version, objects, goal, workcell, fixed"),
-        (changed("fixed", []), "unknown field `fixed`; valid keys are version, objects, goal, home"),
+        (
+            changed2("home", {}),
+            "unknown field `home`; valid keys are version, objects, goal, workcell, fixed",
+        ),
+        (
+            changed("fixed", []),
+            "unknown field `fixed`; valid keys are version, objects, goal, home",
+        ),
         (changed2("workcell.robot", "ufo"), "there is no robot 'ufo'; valid: .*panda"),
         (changed2("workcell.robot", ...), "workcell: .*`robot`; add it"),
         (changed2("workcell.legs", 4), "workcell: .*`legs`; valid keys are robot, arms, table"),
-        (changed2("workcell.arms.0.legs", 4), r"arms\[0\]: .*`legs`; valid keys are name, position, yaw, home"),
-        (changed2("workcell.table.legs", 4), "table: .*`legs`; valid keys are half_extents, thickness"),
-        (changed2("fixed.1.mass", 4), r"fixed\[1\]: .*; valid keys are name, shape, size, position, yaw"),
+        (
+            changed2("workcell.arms.0.legs", 4),
+            r"arms\[0\]: .*`legs`; valid keys are name, position, yaw, home",
+        ),
+        (
+            changed2("workcell.table.legs", 4),
+            "table: .*`legs`; valid keys are half_extents, thickness",
+        ),
+        (
+            changed2("fixed.1.mass", 4),
+            r"fixed\[1\]: .*; valid keys are name, shape, size, position, yaw",
+        ),
         (changed2("workcell.arms", []), "the workcell has 0 arms; valid are 1 to 2"),
-        (changed2("workcell.arms", SECOND["workcell"]["arms"] * 2), "the workcell has 4 arms; valid are 1 to 2"),
+        (
+            changed2("workcell.arms", SECOND["workcell"]["arms"] * 2),
+            "the workcell has 4 arms; valid are 1 to 2",
+        ),
         (changed2("workcell.arms.1.name", "west"), "2 arms are called 'west'"),
         (changed2("workcell.arms.1.name", ""), "an arm's name is ''"),
         (changed2("workcell.arms.1.name", "a/b"), "an arm's name is 'a/b'; a name has none of"),
         (changed2("workcell.arms.1.name", "a)"), r"an arm's name is 'a\)'; a name has none of"),
-        (changed2("workcell.arms.1.name", "a\x07"), "an arm's name is .*; valid are printable characters"),
-        (changed2("workcell.arms.1.name", NAME_OF_101), "an arm's name has 101 characters; valid are at most 100"),
-        (changed2("workcell.arms.1.name", "object"), "an arm's name is 'object'; valid is any name but object"),
-        (changed2("workcell.arms.1.position", [0.9, 0.0]), "the east arm's base at .* reaches off the table"),
-        (changed2("workcell.arms.1.position", [-0.4, 0.0]), "'west' and 'east' are 0.2 m apart; valid is at least 0.3"),
+        (
+            changed2("workcell.arms.1.name", "a\x07"),
+            "an arm's name is .*; valid are printable characters",
+        ),
+        (
+            changed2("workcell.arms.1.name", NAME_OF_101),
+            "an arm's name has 101 characters; valid are at most 100",
+        ),
+        (
+            changed2("workcell.arms.1.name", "object"),
+            "an arm's name is 'object'; valid is any name but object",
+        ),
+        (
+            changed2("workcell.arms.1.position", [0.9, 0.0]),
+            "the east arm's base at .* reaches off the table",
+        ),
+        (
+            changed2("workcell.arms.1.position", [-0.4, 0.0]),
+            "'west' and 'east' are 0.2 m apart; valid is at least 0.3",
+        ),
         (changed2("workcell.arms.1.yaw", 1e4), "the yaw of the east arm is .*at most 1000 rad"),
-        (changed2("workcell.arms.1.home", [0.0] * 6), "the east arm's home is .* 6 numbers; valid are 7"),
-        (changed2("workcell.arms.1.home", [0.0] * 7), "joint 4 of the east arm's home is 0 rad; valid is -3.07"),
-        (changed2("workcell.table.half_extents", [0.1, 1]), "the table's half extents is .*at least 0.2"),
+        (
+            changed2("workcell.arms.1.home", [0.0] * 6),
+            "the east arm's home is .* 6 numbers; valid are 7",
+        ),
+        (
+            changed2("workcell.arms.1.home", [0.0] * 7),
+            "joint 4 of the east arm's home is 0 rad; valid is -3.07",
+        ),
+        (
+            changed2("workcell.table.half_extents", [0.1, 1]),
+            "the table's half extents is .*at least 0.2",
+        ),
         (changed2("workcell.table.thickness", 0), "the table's thickness is .*at least 0.001"),
         (changed2("objects.1.position", [0.6, 0.1]), "'can' at .* overlaps the east arm's base"),
         (changed2("objects.1.position", [0.2, 0.78]), "'can' at .* reaches off the table"),
-        (changed2("fixed", SECOND["fixed"] * 9), "the scene has 18 fixed bodies; valid are 0 to 16"),
+        (
+            changed2("fixed", SECOND["fixed"] * 9),
+            "the scene has 18 fixed bodies; valid are 0 to 16",
+        ),
         (changed2("fixed.0.name", "can"), "2 objects and fixed bodies are called 'can'"),
         (changed2("fixed.0.name", "post"), "2 objects and fixed bodies are called 'post'"),
         (changed2("fixed.0.name", "a,"), "a fixed body's name is 'a,'; a name has none of"),
         (changed2("fixed.0.shape", "ball"), "fixed body 'wall' has the shape 'ball'; valid are"),
-        (changed2("fixed.0.size", [0.1, 0.1]), "size of the fixed body 'wall' is .* 2 numbers; valid are 3"),
-        (changed2("fixed.0.size", [0.1, 0.1, 0]), "size of the fixed body 'wall' is .*at least 0.001"),
-        (changed2("fixed.0.position", [0, 0]), r"fixed\[0\].position: Expected `array` of length 3"),
-        (changed2("fixed.0.position", [3, 0, 1]), "position of the fixed body 'wall' is .*at most 2 m"),
-        (changed2("fixed.0.position.2", 0.14), "fixed body 'wall' begins 0.01 m below the table's top"),
+        (
+            changed2("fixed.0.size", [0.1, 0.1]),
+            "size of the fixed body 'wall' is .* 2 numbers; valid are 3",
+        ),
+        (
+            changed2("fixed.0.size", [0.1, 0.1, 0]),
+            "size of the fixed body 'wall' is .*at least 0.001",
+        ),
+        (
+            changed2("fixed.0.position", [0, 0]),
+            r"fixed\[0\].position: Expected `array` of length 3",
+        ),
+        (
+            changed2("fixed.0.position", [3, 0, 1]),
+            "position of the fixed body 'wall' is .*at most 2 m",
+        ),
+        (
+            changed2("fixed.0.position.2", 0.14),
+            "fixed body 'wall' begins 0.01 m below the table's top",
+        ),
         (changed2("fixed.0.position.2", 1.9), "fixed body 'wall' reaches 2.05 m above the table"),
         (changed2("fixed.0.yaw", 1e4), "yaw of the fixed body 'wall' is .*at most 1000 rad"),
-        (changed2("fixed.0.position", [0.3, -0.1, 0.15]), "'can' and the fixed body 'wall' overlap by"),
-        (changed2("fixed.0.position", [0.3, -0.1, 0.26]), "'can' and the fixed body 'wall' overlap by 0.01 m"),
-        (changed2("fixed.1.position", [0.3, 0.3, 0.15]), "fixed body 'post' stands on the goal region"),
-        (changed2("fixed.0.position", [-0.6, 0.0, 0.15]), "'wall' at .* overlaps the west arm's base"),
-        (changed2("fixed.0.position", [-0.6, 0.0, 0.5]), "'wall' at .* overlaps the west arm's base"),
+        (
+            changed2("fixed.0.position", [0.3, -0.1, 0.15]),
+            "'can' and the fixed body 'wall' overlap by",
+        ),
+        (
+            changed2("fixed.0.position", [0.3, -0.1, 0.26]),
+            "'can' and the fixed body 'wall' overlap by 0.01 m",
+        ),
+        (
+            changed2("fixed.1.position", [0.3, 0.3, 0.15]),
+            "fixed body 'post' stands on the goal region",
+        ),
+        (
+            changed2("fixed.0.position", [-0.6, 0.0, 0.15]),
+            "'wall' at .* overlaps the west arm's base",
+        ),
+        (
+            changed2("fixed.0.position", [-0.6, 0.0, 0.5]),
+            "'wall' at .* overlaps the west arm's base",
+        ),
     ],
 )
 def test_refuses_of_version_2(text: str, message: str) -> None:
@@ -326,7 +482,10 @@ def test_refuses_of_version_2(text: str, message: str) -> None:
 @pytest.mark.parametrize(
     ("path", "value"),
     [
-        ("fixed.0.position", [0.2, 0.1, 0.45]),  # hangs over an object that is 0.12 m high, and over the region
+        (
+            "fixed.0.position",
+            [0.2, 0.1, 0.45],
+        ),  # hangs over an object that is 0.12 m high, and over the region
         ("fixed.0.position", [-0.6, 0.0, 0.56]),  # hangs over a base
         ("fixed.0.position", [0.0, 0.65, 0.15]),  # reaches over the table's border
         ("fixed.1.position", [0.0, 0.6, 0.5]),  # stands in another fixed body
@@ -349,9 +508,15 @@ def test_touching_fixed_bodies_are_valid() -> None:
 def test_python_values_are_checked_like_files(value: Any) -> None:
     region = Region((0.3, 0.2), 0.0, (0.2, 0.2))
     for broken in (
-        Scene((SceneObject("a", "box", (0.1, 0.1, 0.1), (0.0, 0.0), value),), OnRegion("a", region)),
-        Scene((SceneObject("a", "box", (value, 0.1, 0.1), (0.0, 0.0), 0.0),), OnRegion("a", region)),
-        Scene((SceneObject("a", "cylinder", (0.1, 0.1), (0.0, value), 0.0),), OnRegion("a", region)),
+        Scene(
+            (SceneObject("a", "box", (0.1, 0.1, 0.1), (0.0, 0.0), value),), OnRegion("a", region)
+        ),
+        Scene(
+            (SceneObject("a", "box", (value, 0.1, 0.1), (0.0, 0.0), 0.0),), OnRegion("a", region)
+        ),
+        Scene(
+            (SceneObject("a", "cylinder", (0.1, 0.1), (0.0, value), 0.0),), OnRegion("a", region)
+        ),
     ):
         with pytest.raises(DvrError, match=r"of the object 'a' is .*finite"):
             validate_scene(broken)
@@ -359,7 +524,9 @@ def test_python_values_are_checked_like_files(value: Any) -> None:
 
 def test_touching_objects_are_valid() -> None:
     side = 0.1
-    objects = [SceneObject(str(i), "box", (side, side, 0.1), (-0.2 + i * side, 0.0), 0.0) for i in range(4)]
+    objects = [
+        SceneObject(str(i), "box", (side, side, 0.1), (-0.2 + i * side, 0.0), 0.0) for i in range(4)
+    ]
     make_scene(objects, OnRegion("0", Region((0.3, 0.2), 0.0, (0.2, 0.2))))
 
 
@@ -376,7 +543,9 @@ def test_scenes_that_differ_in_the_last_bit_are_one() -> None:
     ):
         assert not are_equal_but_for_rounding(scene, scene_from_json(changed(path, value))), path
     fewer = Scene(scene.objects[:1], scene.goal)
-    assert not are_equal_but_for_rounding(scene, fewer) and not are_equal_but_for_rounding(fewer, scene)
+    assert not are_equal_but_for_rounding(scene, fewer) and not are_equal_but_for_rounding(
+        fewer, scene
+    )
 
 
 def test_lists_in_a_scene_are_refused() -> None:
@@ -386,5 +555,7 @@ def test_lists_in_a_scene_are_refused() -> None:
         replace(scene, objects=list(scene.objects)),  # type: ignore[arg-type]
         replace(scene, workcell=Workcell(tuple(arms))),
     ):
-        with pytest.raises(SceneError, match=r"unhashable type: 'list'.*valid are tuples instead of lists"):
+        with pytest.raises(
+            SceneError, match=r"unhashable type: 'list'.*valid are tuples instead of lists"
+        ):
             validate_scene(broken)

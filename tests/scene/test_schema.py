@@ -23,11 +23,22 @@ from dvr_jax.workcell.workcell import WORKCELLS
 SCHEMA = json.loads((files("dvr_jax.scene") / "scene.schema.json").read_text(encoding="utf-8"))
 VALIDATOR = jsonschema.Draft202012Validator(SCHEMA)
 
-OBJECT = {"name": "yellow", "shape": "box", "size": [0.05, 0.2, 0.1], "position": [-0.4, 0.1], "yaw": 0.3}
+OBJECT = {
+    "name": "yellow",
+    "shape": "box",
+    "size": [0.05, 0.2, 0.1],
+    "position": [-0.4, 0.1],
+    "yaw": 0.3,
+}
 CAN = {"name": "can", "shape": "cylinder", "size": [0.03, 0.12], "position": [0.2, -0.1], "yaw": 0}
 GOAL = {"object": "yellow", "region": {"position": [0.3, 0.2], "yaw": 0.1, "size": [0.24, 0.22]}}
 POSTURE = [0.1, -0.5, 0.0, -2.0, 0.0, 1.5, 0.7]
-FIRST: dict[str, Any] = {"version": 1, "objects": [OBJECT, CAN], "goal": GOAL, "home": {"left": POSTURE}}
+FIRST: dict[str, Any] = {
+    "version": 1,
+    "objects": [OBJECT, CAN],
+    "goal": GOAL,
+    "home": {"left": POSTURE},
+}
 SECOND: dict[str, Any] = {
     "version": 2,
     "objects": [OBJECT, CAN],
@@ -41,8 +52,20 @@ SECOND: dict[str, Any] = {
         "table": {"half_extents": [1.0, 0.8], "thickness": 0.03},
     },
     "fixed": [
-        {"name": "wall", "shape": "box", "size": [0.5, 0.05, 0.3], "position": [0.0, 0.6, 0.15], "yaw": 0.2},
-        {"name": "post", "shape": "cylinder", "size": [0.05, 0.2], "position": [0.0, -0.6, 0.5], "yaw": 0.0},
+        {
+            "name": "wall",
+            "shape": "box",
+            "size": [0.5, 0.05, 0.3],
+            "position": [0.0, 0.6, 0.15],
+            "yaw": 0.2,
+        },
+        {
+            "name": "post",
+            "shape": "cylinder",
+            "size": [0.05, 0.2],
+            "position": [0.0, -0.6, 0.5],
+            "yaw": 0.0,
+        },
     ],
 }
 
@@ -65,7 +88,13 @@ GEOMETRY = (
 def places(record: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
     """Paths of all items of a JSON document."""
     found = [path] if path else []
-    items = record.items() if isinstance(record, dict) else enumerate(record) if isinstance(record, list) else []
+    items = (
+        record.items()
+        if isinstance(record, dict)
+        else enumerate(record)
+        if isinstance(record, list)
+        else []
+    )
     for key, value in items:
         found += places(value, (*path, key))
     return found
@@ -76,14 +105,32 @@ numbers = st.one_of(
     st.sampled_from([0, 1, 2, -1, 0.001, 0.0005, 2.0, 2.1, 1000, 1001, -1000.5, 1e308, 1.0, 2**70]),
 )
 names = st.one_of(
-    st.sampled_from(["yellow", "west", "object", "fixed", "", " a", "a ", "a,b", "a(b", "a/b", "ü", "a\n", "x" * 101]),
+    st.sampled_from(
+        [
+            "yellow",
+            "west",
+            "object",
+            "fixed",
+            "",
+            " a",
+            "a ",
+            "a,b",
+            "a(b",
+            "a/b",
+            "ü",
+            "a\n",
+            "x" * 101,
+        ]
+    ),
     st.text(max_size=4),
 )
 odd_values = st.one_of(
     numbers,
     names,
     st.lists(numbers, max_size=8),
-    st.sampled_from([None, True, {}, [], "box", "cylinder", "panda", [OBJECT] * 9, [CAN], {"left": None}]),
+    st.sampled_from(
+        [None, True, {}, [], "box", "cylinder", "panda", [OBJECT] * 9, [CAN], {"left": None}]
+    ),
 )
 
 
@@ -104,8 +151,8 @@ def documents(draw: st.DrawFn) -> dict[str, Any]:
         elif change == "remove":
             del place[last]
         elif isinstance(place, dict):
-            place[draw(st.sampled_from(["mass", "home", "fixed", "workcell", "table"]))] = copy.deepcopy(
-                draw(odd_values)
+            place[draw(st.sampled_from(["mass", "home", "fixed", "workcell", "table"]))] = (
+                copy.deepcopy(draw(odd_values))
             )
         if not places(document):
             break
@@ -132,7 +179,9 @@ def test_the_schema_is_a_schema() -> None:
     jsonschema.Draft202012Validator.check_schema(SCHEMA)
 
 
-@pytest.mark.parametrize("document", [FIRST, SECOND, SECOND | {"workcell": None}, FIRST | {"home": None}])
+@pytest.mark.parametrize(
+    "document", [FIRST, SECOND, SECOND | {"workcell": None}, FIRST | {"home": None}]
+)
 def test_valid_documents(document: dict[str, Any]) -> None:
     VALIDATOR.validate(document)
     scene_from_json(json.dumps(document))
@@ -159,7 +208,12 @@ def test_valid_documents(document: dict[str, Any]) -> None:
         {"workcell": SECOND["workcell"] | {"robot": "ufo"}},
         {"workcell": {"robot": "panda", "arms": [{"name": "a/b", "position": [0, 0], "yaw": 0}]}},
         {"workcell": {"robot": "panda", "arms": [{"name": "fixed", "position": [0, 0], "yaw": 0}]}},
-        {"workcell": {"robot": "panda", "arms": [{"name": "a", "position": [0, 0], "yaw": 0, "home": POSTURE[:6]}]}},
+        {
+            "workcell": {
+                "robot": "panda",
+                "arms": [{"name": "a", "position": [0, 0], "yaw": 0, "home": POSTURE[:6]}],
+            }
+        },
     ],
 )
 def test_invalid_documents(change: dict[str, Any]) -> None:

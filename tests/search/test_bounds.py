@@ -45,9 +45,13 @@ def goal_sequences(region: Region, constants: bool = True) -> list[Node]:
 def test_a_cylinder_is_grasped_at_one_face_for_all() -> None:
     box = SceneObject("a", "box", (0.05, 0.05, 0.1), (-0.3, 0.3), 0.3)
     can = SceneObject("b", "cylinder", (0.03, 0.1), (-0.3, -0.3), 0.0)
-    tree = SequenceTree(Scene((box, can), OnRegion("a", Region((-0.1, -0.2), 0.2, (0.1, 0.1)))), k_max=3)
+    tree = SequenceTree(
+        Scene((box, can), OnRegion("a", Region((-0.1, -0.2), 0.2, (0.1, 0.1)))), k_max=3
+    )
     grasped = [child.actions[0].arguments[1:] for child in tree.expand(tree.root)]
-    assert grasped.count(("+x", "b")) == 2 and len([name for _, name in grasped if name == "b"]) == 2
+    assert (
+        grasped.count(("+x", "b")) == 2 and len([name for _, name in grasped if name == "b"]) == 2
+    )
     assert len([name for _, name in grasped if name == "a"]) == 8
 
 
@@ -62,7 +66,9 @@ def test_an_object_that_fits_its_region_is_not() -> None:
     assert any(place.feasible for place in goal_sequences(Region((-0.1, -0.2), 0.2, (0.22, 0.22))))
 
 
-@pytest.mark.parametrize("region", [Region((0.3, -0.45), 0.0, (1.06, 0.4)), Region((-0.3, 0.3), 0.6, (1.1, 0.5))])
+@pytest.mark.parametrize(
+    "region", [Region((0.3, -0.45), 0.0, (1.06, 0.4)), Region((-0.3, 0.3), 0.6, (1.1, 0.5))]
+)
 def test_what_a_candidate_proves_lies_on_a_region_as_large_as_a_table(region: Region) -> None:
     proved = 0
     for place in goal_sequences(region):
@@ -70,8 +76,14 @@ def test_what_a_candidate_proves_lies_on_a_region_as_large_as_a_table(region: Re
         for q, m, violation in zip(place.beam.q, place.beam.m, place.beam.violation, strict=True):
             if violation <= CERTIFIED_PENETRATION:
                 assert np.isfinite(q[:2]).all()
-                footprint = replace(BOX, position=tuple(map(float, m[1, :2])), yaw=float(m[1, 2])).footprint
-                grown = Rectangle(region.position, (region.size[0] / 2 + 1e-5, region.size[1] / 2 + 1e-5), region.yaw)
+                footprint = replace(
+                    BOX, position=tuple(map(float, m[1, :2])), yaw=float(m[1, 2])
+                ).footprint
+                grown = Rectangle(
+                    region.position,
+                    (region.size[0] / 2 + 1e-5, region.size[1] / 2 + 1e-5),
+                    region.yaw,
+                )
                 assert inside(footprint, grown)
                 proved += 1
     assert proved
@@ -101,9 +113,13 @@ def test_a_second_look_finds_what_the_sequence_bound_missed() -> None:
     actions = "grasp(right, -y, yellow)", "grasp(left, +y, yellow)", "place(left, yellow, goal)"
     with jax.enable_x64(True):
         _, refuted = judged(scene, *actions)
-        assert refuted.feasible is False and refuted.refuted_by == "sequence" and refuted.violation > 1
+        assert (
+            refuted.feasible is False and refuted.refuted_by == "sequence" and refuted.violation > 1
+        )
         tree = SequenceTree(scene, k_max=len(actions))
-        session = SearchSession(tree, lambda leaf, path: passes_check(scene, leaf, path), lambda line: None)
+        session = SearchSession(
+            tree, lambda leaf, path: passes_check(scene, leaf, path), lambda line: None
+        )
         leaf = leaf_of(tree, *actions)
         assert run_alone(session.judge_prefix_chains([leaf])) == [leaf] and not leaf.refuted_by
         assert run_alone(session.try_path(leaf)) is not None
@@ -117,7 +133,9 @@ def test_with_nothing_left_out_the_pose_bound_is_the_sequence_bound() -> None:
         leaf = leaf_of(tree, *actions)
         for depth in range(1, leaf.depth + 1):
             run_alone(tree.judge_poses([leaf.ancestor(depth)]))
-    assert expected.feasible and leaf.feasible and expected.beam is not None and leaf.beam is not None
+    assert (
+        expected.feasible and leaf.feasible and expected.beam is not None and leaf.beam is not None
+    )
     for name, theirs in expected.beam._asdict().items():
         ours = getattr(leaf.beam, name)
         np.testing.assert_array_equal(ours[:, : leaf.depth] if name in ("q", "m") else ours, theirs)
@@ -133,7 +151,9 @@ CUBE = Scene(
 CANS = scene_of_seed(100, 4, 2, SceneDistribution(shape="cylinder"))
 
 
-@pytest.mark.parametrize(("scene", "least"), [(sampled(3), 21), (CANS, 6)], ids=["boxes", "cylinders"])
+@pytest.mark.parametrize(
+    ("scene", "least"), [(sampled(3), 21), (CANS, 6)], ids=["boxes", "cylinders"]
+)
 def test_what_a_sequence_does_its_last_switch_can_do_alone(scene: Scene, least: int) -> None:
     found = 0
     with jax.enable_x64(True):
@@ -146,7 +166,9 @@ def test_what_a_sequence_does_its_last_switch_can_do_alone(scene: Scene, least: 
         for node in level:
             assert node.problem is not None and node.beam is not None
             name = object_of(node.actions[-1], OPERATORS)
-            earlier = [action for action in node.actions[:-1] if object_of(action, OPERATORS) == name]
+            earlier = [
+                action for action in node.actions[:-1] if object_of(action, OPERATORS) == name
+            ]
             if not earlier or earlier[-1].operator == "place":
                 continue
             before = earlier[-1]
@@ -166,7 +188,13 @@ def test_a_switch_that_fails_alone_refutes_all_that_end_with_it() -> None:
     with jax.enable_x64(True):
         tree = SequenceTree(CUBE, k_max=4)
         first, second = (
-            leaf_of(tree, f"grasp(left, {face}, a)", "place(left, a, table)", "grasp(left, +y, a)", place)
+            leaf_of(
+                tree,
+                f"grasp(left, {face}, a)",
+                "place(left, a, table)",
+                "grasp(left, +y, a)",
+                place,
+            )
             for face in ("+x", "+y")
         )
         for depth in range(1, 5):
@@ -175,7 +203,11 @@ def test_a_switch_that_fails_alone_refutes_all_that_end_with_it() -> None:
         run_alone(tree.judge_poses([second.ancestor(1), second.ancestor(2)]))
         run_alone(tree.judge_poses([second.ancestor(3)]))
         before = tree.counts.nlps["pose"], tree.counts.verdicts["pose"]
-        assert not tree.check_cached_pose_bound(second) and second.refuted_by == "pose" and second.violation > 1
+        assert (
+            not tree.check_cached_pose_bound(second)
+            and second.refuted_by == "pose"
+            and second.violation > 1
+        )
     assert (tree.counts.nlps["pose"], tree.counts.verdicts["pose"]) == before
 
 
@@ -187,7 +219,11 @@ def judge_poses_before(tree: SequenceTree, node: Node) -> None:
 
 def put_down_and_to_the_goal(tree: SequenceTree, face: str) -> Node:
     return leaf_of(
-        tree, f"grasp(left, {face}, a)", "place(left, a, table)", "grasp(right, +y, a)", "place(right, a, goal)"
+        tree,
+        f"grasp(left, {face}, a)",
+        "place(left, a, table)",
+        "grasp(right, +y, a)",
+        "place(right, a, goal)",
     )
 
 
@@ -198,7 +234,9 @@ def test_proof_outweighs_a_switch_that_samples_missed() -> None:
         tree = SequenceTree(scene, k_max=4)
         first, second = (put_down_and_to_the_goal(tree, face) for face in ("+x", "+y"))
         pair = first.actions[-2:]
-        tree._pose_bound._switches[pair] = {frozenset(): Node(pair, 0, tree.root, False, feasible=False, violation=2.0)}
+        tree._pose_bound._switches[pair] = {
+            frozenset(): Node(pair, 0, tree.root, False, feasible=False, violation=2.0)
+        }
         for leaf in (first, second):
             judge_poses_before(tree, leaf)
         assert not tree.check_cached_pose_bound(first) and first.refuted_by == "pose"
@@ -238,12 +276,18 @@ def test_a_switch_alone_leaves_out_what_has_moved_and_nothing_else() -> None:
         tree = SequenceTree(scene, k_max=6)
         stands = put_down_and_to_the_goal(tree, "+x")
         moved = leaf_of(
-            tree, "grasp(right, +x, b)", "place(right, b, table)", *(str(action) for action in stands.actions)
+            tree,
+            "grasp(right, +x, b)",
+            "place(right, b, table)",
+            *(str(action) for action in stands.actions),
         )
         for leaf, feasible in ((stands, False), (moved, True)):
             judge_poses_before(tree, leaf)
             assert run_alone(tree.judge_poses([leaf])) == [feasible]
-    verdicts = {left_out: node.feasible for left_out, node in tree._pose_bound._switches[stands.actions[-2:]].items()}
+    verdicts = {
+        left_out: node.feasible
+        for left_out, node in tree._pose_bound._switches[stands.actions[-2:]].items()
+    }
     assert verdicts == {frozenset(): False, frozenset("b"): True}
 
 
@@ -260,8 +304,15 @@ def test_switches_alone_refute_nothing_that_the_sequence_bound_finds() -> None:
             run_alone(with_switches.judge_poses(levels[1]))
             found = [{node.actions for node in level if node.feasible} for level in levels]
             assert found[0] == found[1]
-            levels = tuple([node for node in level if node.feasible][:: 4 if depth > 1 else 1] for level in levels)  # type: ignore[assignment]
-    verdicts = [node.feasible for known in with_switches._pose_bound._switches.values() for node in known.values()]
+            levels = tuple(
+                [node for node in level if node.feasible][:: 4 if depth > 1 else 1]
+                for level in levels
+            )  # type: ignore[assignment]
+    verdicts = [
+        node.feasible
+        for known in with_switches._pose_bound._switches.values()
+        for node in known.values()
+    ]
     assert verdicts.count(False) > 5 and verdicts.count(True) > 5
 
 
@@ -275,7 +326,10 @@ def test_a_second_look_leaves_what_is_infeasible_refuted() -> None:
         before, nlps = tree.counts.feasible["sequence"], tree.counts.nlps["sequence"]
         run_alone(tree.retry_refuted([node]))
     assert tree.counts.nlps["sequence"] == nlps + BEAM_WIDTH
-    assert node.feasible is False and (node.refuted_by, tree.counts.feasible["sequence"]) == ("sequence", before)
+    assert node.feasible is False and (node.refuted_by, tree.counts.feasible["sequence"]) == (
+        "sequence",
+        before,
+    )
 
 
 def test_a_path_is_tried_from_further_keyframes_too() -> None:
@@ -284,8 +338,12 @@ def test_a_path_is_tried_from_further_keyframes_too() -> None:
         tree, node = judged(scene, "grasp(right, -y, blue)", "place(right, blue, goal)")
         good = tree.solver.path_keyframes(node)
         assert len(good) < PATH_STARTS
-        assert not any(run_alone(tree.solver.solve_path(node, keyframes)).feasible for keyframes in good)
-        session = SearchSession(tree, lambda leaf, path: passes_check(scene, leaf, path), lambda line: None)
+        assert not any(
+            run_alone(tree.solver.solve_path(node, keyframes)).feasible for keyframes in good
+        )
+        session = SearchSession(
+            tree, lambda leaf, path: passes_check(scene, leaf, path), lambda line: None
+        )
         tree.counts.nlps.clear()
         outcome = run_alone(session.try_path(node))
     assert outcome is not None and node.solved and not node.refuted_by

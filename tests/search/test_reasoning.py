@@ -40,7 +40,9 @@ class Oracle(SequenceTree):
     """A tree whose bounds know which sequences are feasible, in the place of geometry: a prefix is feasible if some
     sequence of ``possible`` begins with it, and the path of one of these exists if it is in ``solvable``."""
 
-    def __init__(self, possible: Iterable[tuple[Action, ...]], solvable: Iterable[tuple[Action, ...]]) -> None:
+    def __init__(
+        self, possible: Iterable[tuple[Action, ...]], solvable: Iterable[tuple[Action, ...]]
+    ) -> None:
         super().__init__(SCENE, K_MAX)
         self.prefixes = {sequence[:k] for sequence in possible for k in range(len(sequence) + 1)}
         self.solvable = set(solvable)
@@ -88,7 +90,9 @@ class Guess:
 
     def predict(self, encoding, hidden: NDArray[np.float32], actions: Sequence[int]):
         after = (hidden.astype(int) * 37 + np.asarray(actions)[:, None] + 1) % 8388593
-        return np.array([self.guess(int(state[0])) for state in after], np.float32), after.astype(np.float32)
+        return np.array([self.guess(int(state[0])) for state in after], np.float32), after.astype(
+            np.float32
+        )
 
 
 GUESSES = {
@@ -124,7 +128,9 @@ def test_it_solves_what_breadth_first_search_solves(search: str, guess: str, ver
 
 @settings(max_examples=15, deadline=None)
 @given(st.sampled_from(SEQUENCES), st.booleans())
-def test_a_network_that_knows_needs_one_path_and_one_that_lies_still_finds_it(solution, lies: bool) -> None:
+def test_a_network_that_knows_needs_one_path_and_one_that_lies_still_finds_it(
+    solution, lies: bool
+) -> None:
     tree = Oracle([solution], [solution])
     states = {0: 1.0}
     state = 0
@@ -139,7 +145,9 @@ def test_a_network_that_knows_needs_one_path_and_one_that_lies_still_finds_it(so
             tried.append(leaves)
             return (yield from super().judge_prefix_chains(leaves))
 
-    outcome = run_alone(steps_of("dvr", Counting(tree, lambda node, path: True, lambda line: None), guess))
+    outcome = run_alone(
+        steps_of("dvr", Counting(tree, lambda node, path: True, lambda line: None), guess)
+    )
     assert outcome.node is not None and outcome.node.actions == solution
     # Alone at first, then in growing batches: a network that lies costs some of them, not one for each sequence.
     assert len(tried[0]) == 1 and len(tried) <= 4 + len(SEQUENCES) / LARGEST_BATCH
@@ -169,10 +177,14 @@ class Script:
         children = [(*prefix, GROUNDING.actions[index]) for index in actions]
         after = np.arange(len(children)) + len(self.prefixes)
         self.prefixes += children
-        return np.array([self.guess(child) for child in children], np.float32), after[:, None].astype(np.float32)
+        return np.array([self.guess(child) for child in children], np.float32), after[
+            :, None
+        ].astype(np.float32)
 
 
-def follow(search: str, tree: Oracle, script: Script) -> tuple[Outcome, list[list[tuple[Action, ...]]]]:
+def follow(
+    search: str, tree: Oracle, script: Script
+) -> tuple[Outcome, list[list[tuple[Action, ...]]]]:
     """How a search ends, and the sequences that it tries alone or together, in order."""
     tried: list[list[tuple[Action, ...]]] = []
 
@@ -187,7 +199,9 @@ def follow(search: str, tree: Oracle, script: Script) -> tuple[Outcome, list[lis
             tried[before:] = [[leaf.actions for leaf in leaves]]  # and not what it does in turn
             return passed
 
-    return run_alone(steps_of(search, Watched(tree, lambda node, path: True, lambda line: None), script)), tried
+    return run_alone(
+        steps_of(search, Watched(tree, lambda node, path: True, lambda line: None), script)
+    ), tried
 
 
 def reaches_goal(actions: tuple[Action, ...]) -> bool:
@@ -195,7 +209,8 @@ def reaches_goal(actions: tuple[Action, ...]) -> bool:
 
 
 LEFT, RIGHT = (
-    tuple(map(Action.parse, (f"grasp({arm}, +x, a)", f"place({arm}, a, goal)"))) for arm in ("left", "right")
+    tuple(map(Action.parse, (f"grasp({arm}, +x, a)", f"place({arm}, a, goal)")))
+    for arm in ("left", "right")
 )
 AWAY = Action.parse("grasp(right, +x, b)")
 
@@ -235,7 +250,10 @@ def test_the_threshold_falls_until_the_best_leaf_exceeds_it() -> None:
 
 
 def test_leaves_are_tried_from_the_best_on_and_in_growing_batches() -> None:
-    order = {sequence: 0.99 * (1 - number / len(SEQUENCES)) for number, sequence in enumerate(reversed(SEQUENCES))}
+    order = {
+        sequence: 0.99 * (1 - number / len(SEQUENCES))
+        for number, sequence in enumerate(reversed(SEQUENCES))
+    }
     script = Script(lambda actions: order.get(actions, 0.995))
     outcome, tried = follow("dvr", Oracle(SEQUENCES, []), script)
     assert outcome.status == PlanStatus.EXHAUSTED

@@ -27,7 +27,11 @@ def test_the_request_decides_how_many_share_a_call() -> None:
 
     alone = [run_alone(ask(tasks)) for tasks in (few, few * 2)]
     for index, beside in run_together([ask(few), ask(few * 2)]):
-        for ours, theirs in zip(jax.tree.leaves(beside), jax.tree.leaves(alone[index]), strict=True):
+        for ours, theirs in zip(
+            jax.tree.leaves(beside), jax.tree.leaves(alone[index]), strict=True
+        ):
             np.testing.assert_array_equal(ours, theirs)
-    for ours, theirs in zip(jax.tree.leaves(alone[0]), jax.tree.leaves(alone[1][: CPU.few]), strict=True):
+    for ours, theirs in zip(
+        jax.tree.leaves(alone[0]), jax.tree.leaves(alone[1][: CPU.few]), strict=True
+    ):
         np.testing.assert_allclose(ours, theirs, atol=1e-5)

@@ -21,7 +21,9 @@ ROOT = empty_beam(3, 4, JOINTS)
 def grasps(repeats: int = 1) -> Sequence[BeamTask]:
     """The first grasp of each skeleton."""
     proposal = GRASP.proposal(ModeKind.FIXED)
-    return [BeamTask(ROOT, transcribe(SCENE, skeleton[:1]), proposal) for skeleton in SKELETONS] * repeats
+    return [
+        BeamTask(ROOT, transcribe(SCENE, skeleton[:1]), proposal) for skeleton in SKELETONS
+    ] * repeats
 
 
 @pytest.mark.parametrize("lanes", [1, CPU.beam_lanes])

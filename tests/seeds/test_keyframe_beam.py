@@ -28,7 +28,9 @@ def test_candidates_that_do_not_penetrate_are_feasible_keyframes(length: int) ->
         beam = empty_beam(len(scene.objects), length, scene.workcell.number_of_joints)
         for number in range(1, length + 1):
             problem = transcribe(scene, actions[:number])
-            before = ModeKind(int(problem.mode_kind[number - 1, problem.switched_object[number - 1]]))
+            before = ModeKind(
+                int(problem.mode_kind[number - 1, problem.switched_object[number - 1]])
+            )
             proposal = operator_of(actions[number - 1], OPERATORS).proposal(before)
             (beam,) = extend_beams(model, [BeamTask(beam, problem, proposal)], [1], 3)
             proposals.add(proposal.name)

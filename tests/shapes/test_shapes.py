@@ -51,7 +51,9 @@ def test_the_prism_and_the_bounding_box_are_mujocos(shape: Shape) -> None:
 
 
 def test_footprints_stand_where_they_are_put() -> None:
-    assert BOX.footprint((0.2, 0.1, 0.3), (0.4, 0.5), 0.6) == Rectangle((0.4, 0.5), (0.1, 0.05), 0.6)
+    assert BOX.footprint((0.2, 0.1, 0.3), (0.4, 0.5), 0.6) == Rectangle(
+        (0.4, 0.5), (0.1, 0.05), 0.6
+    )
     assert CYLINDER.footprint((0.2, 0.1), (0.4, 0.5), 0.6) == Circle((0.4, 0.5), 0.2)
 
 

@@ -58,7 +58,13 @@ def _rosenbrock(x1: Any, x2: Any) -> ConstraintValues:
 
 _COLLECTION = (
     Example(1, (-2.0, 1.0), _rosenbrock, 0.0, lower=(-inf, -1.5)),
-    Example(6, (-1.2, 1.0), lambda x1, x2: (1 - x1,), 0.0, equalities=lambda x1, x2: (10 * (x2 - x1**2),)),
+    Example(
+        6,
+        (-1.2, 1.0),
+        lambda x1, x2: (1 - x1,),
+        0.0,
+        equalities=lambda x1, x2: (10 * (x2 - x1**2),),
+    ),
     Example(
         11,
         (4.9, 0.1),
@@ -250,7 +256,10 @@ _COLLECTION = (
         (sqrt(2) / 2, 1.75, 0.5, 2.0, 2.0),
         lambda x1, x2, x3, x4, x5: (x1 - x2, x3 - 1, (x4 - 1) ** 2, (x5 - 1) ** 3),
         0.0,
-        equalities=lambda x1, x2, x3, x4, x5: (x1**2 * x4 + _sin(x4 - x5) - 1, x2 + x3**4 * x4**2 - 2),
+        equalities=lambda x1, x2, x3, x4, x5: (
+            x1**2 * x4 + _sin(x4 - x5) - 1,
+            x2 + x3**4 * x4**2 - 2,
+        ),
     ),
     Example(
         48,
@@ -331,7 +340,12 @@ _COLLECTION = (
         76,
         (0.5,) * 4,
         # x1^2 + x2^2 / 2 + x3^2 + x4^2 / 2 - x1 x3 + x3 x4 - x1 - 3 x2 + x3 - x4 has its least value at (-1, 3, -3, 4).
-        lambda x1, x2, x3, x4: (x1 - x3 / 2 - 0.5, (x3 + 3) / 2, sqrt(0.5) * (x3 + x4 - 1), sqrt(0.5) * (x2 - 3)),
+        lambda x1, x2, x3, x4: (
+            x1 - x3 / 2 - 0.5,
+            (x3 + 3) / 2,
+            sqrt(0.5) * (x3 + x4 - 1),
+            sqrt(0.5) * (x2 - 3),
+        ),
         -4.681818182,
         constant=-7.5,
         inequalities=lambda x1, x2, x3, x4: (

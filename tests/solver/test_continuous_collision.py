@@ -6,7 +6,12 @@ from scipy.interpolate import PchipInterpolator
 from solver_cases import JOINTS, SCENE, SKELETONS
 
 from dvr_jax.nlp.transcription import transcribe
-from dvr_jax.solver.continuous_collision import BETWEEN_TOLERANCE, PATH_SAMPLES, even_fractions, exchange_samples
+from dvr_jax.solver.continuous_collision import (
+    BETWEEN_TOLERANCE,
+    PATH_SAMPLES,
+    even_fractions,
+    exchange_samples,
+)
 
 
 def test_samples_move_to_the_deepest_place_of_their_part_and_lie_on_the_motion() -> None:

@@ -11,7 +11,13 @@ from hock_schittkowski import EXAMPLES, Example
 from jax import Array
 
 from dvr_jax.solver import augmented_lagrangian
-from dvr_jax.solver.augmented_lagrangian import RestorationPhase, Settings, SolverState, SolverStatus, trial_point
+from dvr_jax.solver.augmented_lagrangian import (
+    RestorationPhase,
+    Settings,
+    SolverState,
+    SolverStatus,
+    trial_point,
+)
 
 TOLERANCE = 1e-7
 """Violation that the method may leave."""
@@ -98,10 +104,14 @@ def _iterate(example: Example, settings: Settings, lane: SolverState) -> SolverS
     )
     matrix = J_r.T @ J_r
     gradient = jnp.where(update.restoration == RestorationPhase.DURING, 0, J_r.T @ r)
-    for J, estimate, penalty in zip(J_c, update.multiplier_estimate, update.active_penalty, strict=True):
+    for J, estimate, penalty in zip(
+        J_c, update.multiplier_estimate, update.active_penalty, strict=True
+    ):
         matrix += J.T @ (penalty[:, None] * J)
         gradient += J.T @ estimate
-    return augmented_lagrangian.next_trial(settings, lane, update, System(matrix, gradient), violation, _solve)
+    return augmented_lagrangian.next_trial(
+        settings, lane, update, System(matrix, gradient), violation, _solve
+    )
 
 
 # Each program runs for milliseconds: optimizing it takes longer than it saves.
@@ -132,7 +142,9 @@ def _check(number: int, settings: Settings) -> None:
 
 
 def _lacking(reason: str, *values: Any) -> Any:
-    return pytest.param(*values, marks=pytest.mark.xfail(strict=True, raises=AssertionError, reason=reason))
+    return pytest.param(
+        *values, marks=pytest.mark.xfail(strict=True, raises=AssertionError, reason=reason)
+    )
 
 
 @pytest.mark.parametrize("number", [_lacking(OVERSHOOT, n) if n == 31 else n for n in EXAMPLES])
@@ -144,7 +156,9 @@ def test_published_optimum_is_reached(number: int) -> None:
     "number, penalty, damping_limit",
     [(113, 10.0, 1e4), (12, 100.0, 1e4), _lacking(SLACK, 23, 10.0, 1e10)],
 )
-def test_published_optimum_is_reached_with_other_settings(number: int, penalty: float, damping_limit: float) -> None:
+def test_published_optimum_is_reached_with_other_settings(
+    number: int, penalty: float, damping_limit: float
+) -> None:
     _check(number, SETTINGS._replace(penalty=penalty, damping_limit=damping_limit))
 
 
@@ -155,7 +169,10 @@ def test_restoration_ends_feasible_and_not_later(number: int) -> None:
     direct, _ = _solved(number, SETTINGS)
     restored, f = _solved(number, SETTINGS._replace(restoration_ratio=np.inf, restoration_limit=30))
     optimum = EXAMPLES[number].optimum
-    assert direct.restoration == RestorationPhase.BEFORE and restored.restoration != RestorationPhase.BEFORE
+    assert (
+        direct.restoration == RestorationPhase.BEFORE
+        and restored.restoration != RestorationPhase.BEFORE
+    )
     assert f >= optimum - 1e-5 * max(1, abs(optimum))
     if restored.restoration == RestorationPhase.DURING:
         assert restored.iterations <= direct.iterations
@@ -164,6 +181,8 @@ def test_restoration_ends_feasible_and_not_later(number: int) -> None:
 def test_restoration_does_not_call_a_contradiction_feasible() -> None:
     """x^2 + 1 = 0: the least violation is 1."""
     impossible = Example(0, (2.0,), lambda x: (x - 3,), 0.0, equalities=lambda x: (x * x + 1,))
-    lane = _run(impossible, SETTINGS._replace(restoration_ratio=np.inf), _start(impossible, SETTINGS))
+    lane = _run(
+        impossible, SETTINGS._replace(restoration_ratio=np.inf), _start(impossible, SETTINGS)
+    )
     assert lane.restoration == RestorationPhase.AFTER
     assert lane.status != SolverStatus.FEASIBLE

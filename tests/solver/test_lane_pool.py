@@ -61,13 +61,20 @@ def test_linear_algebra_keeps_to_one_thread(monkeypatch: pytest.MonkeyPatch) -> 
     threads: list[int] = []
 
     def iterate(*args: Any) -> Any:
-        threads.extend(library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas")
+        threads.extend(
+            library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"
+        )
         return iteration.iterate(*args)
 
     monkeypatch.setattr(lane_pool, "iterate", iterate)
     problem = transcribe(SCENE, SKELETONS[0][:1])
     with threadpool_limits(limits=2, user_api="blas"):
-        solve(MODEL, [problem], [random_keyframes(problem, np.random.default_rng(0))], Settings(iteration_limit=2))
+        solve(
+            MODEL,
+            [problem],
+            [random_keyframes(problem, np.random.default_rng(0))],
+            Settings(iteration_limit=2),
+        )
     assert set(threads) == {1}
 
 
@@ -81,13 +88,19 @@ def test_solving_without_64_bit_numbers_is_refused() -> None:
 def test_feasible_means_that_the_returned_point_is_within_the_tolerances() -> None:
     generator = np.random.default_rng(1)
     problems = [transcribe(SCENE, SKELETONS[0][:1])] * 30
-    results = solve(MODEL, problems, [random_keyframes(problem, generator) for problem in problems], Settings())
+    results = solve(
+        MODEL, problems, [random_keyframes(problem, generator) for problem in problems], Settings()
+    )
     assert 3 < sum(result.feasible for result in results) < 27
-    points = Variables(np.stack([result.q for result in results]), np.stack([result.m for result in results]))
+    points = Variables(
+        np.stack([result.q for result in results]), np.stack([result.m for result in results])
+    )
     measured = violations_of(MODEL, stack(problems), points)
     np.testing.assert_array_equal(
         np.asarray(relative_violation(measured)) <= 1, [result.feasible for result in results]
     )
     assert set(measured) == set(TOLERANCES)
     for name, values in measured.items():
-        np.testing.assert_allclose(values, [result.violations[name] for result in results], rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(
+            values, [result.violations[name] for result in results], rtol=1e-9, atol=1e-12
+        )

@@ -151,7 +151,9 @@ def six_joint_angles(
     return q, gap + jnp.maximum(jnp.maximum(lower - q, q - upper).max(0), 0)
 
 
-def _euler_angles(x6: Vector, y6: Vector, z6: Vector, q1: Array, forearm: Array, flip: float) -> tuple[Array, ...]:
+def _euler_angles(
+    x6: Vector, y6: Vector, z6: Vector, q1: Array, forearm: Array, flip: float
+) -> tuple[Array, ...]:
     """The angles of ``Rz Ry Rz`` of frame 6 in the frame of the forearm."""
     c1, s1, cf, sf = materialize((jnp.cos(q1), jnp.sin(q1), jnp.cos(forearm), jnp.sin(forearm)))
 

@@ -79,13 +79,19 @@ def random_keyframes(problem: Problem, generator: np.random.Generator) -> Variab
     number = len(problem.switched_object)
     lower, upper = np.tile(MODEL.joint_limits, SCENE.workcell.number_of_arms)
     near = problem.home + generator.normal(size=(number, len(lower))) * NEAR_HOME
-    anywhere = generator.uniform(0.9 * lower + 0.1 * upper, 0.1 * lower + 0.9 * upper, (number, len(lower)))
+    anywhere = generator.uniform(
+        0.9 * lower + 0.1 * upper, 0.1 * lower + 0.9 * upper, (number, len(lower))
+    )
     q = np.clip(near if generator.random() < 0.5 else anywhere, lower, upper)
 
     m = np.zeros((number, PARAMETERS))
     for k, item in enumerate(problem.switched_object):
         is_held = problem.mode_kind[k + 1, item] == ModeKind.HELD
-        m[k] = _random_grasp(problem, k, generator) if is_held else _random_placement(problem, k, generator)
+        m[k] = (
+            _random_grasp(problem, k, generator)
+            if is_held
+            else _random_placement(problem, k, generator)
+        )
     return Variables(q, m)
 
 
@@ -98,7 +104,11 @@ def _random_grasp(problem: Problem, k: int, generator: np.random.Generator) -> F
 
 def _random_placement(problem: Problem, k: int, generator: np.random.Generator) -> Floats:
     x, y, yaw, *half = problem.support[k]
-    spread = generator.uniform(-1, 1, 2) * np.minimum(half, SCENE.workcell.table.half_extents) * INNER_FRACTION
+    spread = (
+        generator.uniform(-1, 1, 2)
+        * np.minimum(half, SCENE.workcell.table.half_extents)
+        * INNER_FRACTION
+    )
     c = math.cos(yaw)
     s = math.sin(yaw)
     m = np.zeros(PARAMETERS)

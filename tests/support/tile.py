@@ -32,9 +32,13 @@ TILE_CHECK = ShapeCheck(
     lowest_point=lambda size, position, rotation: float(
         position[2] - np.abs(rotation[2]) @ (size[0] / 2, size[0] / 2, size[1] / 2)
     ),
-    bottom_outline=lambda size, position, rotation: BOX_CHECK.bottom_outline(as_box(size), position, rotation),
+    bottom_outline=lambda size, position, rotation: BOX_CHECK.bottom_outline(
+        as_box(size), position, rotation
+    ),
     half_width=lambda size, face: size[0] / 2,
     distance_outside=lambda size, point: BOX_CHECK.distance_outside(as_box(size), point),
-    closing_deviation=lambda size, face, closing: BOX_CHECK.closing_deviation(as_box(size), face, closing),
+    closing_deviation=lambda size, face, closing: BOX_CHECK.closing_deviation(
+        as_box(size), face, closing
+    ),
     closing_offset=lambda size, center, closing: 0.0,
 )

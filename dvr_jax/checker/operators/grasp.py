@@ -76,7 +76,9 @@ def _check_switch(motion: ReplayedMotion, interval: AttachmentInterval, log: Fin
 
     # The gripper in the object's frame.
     to_object = motion.object_rotations[sample, interval.object].T
-    offset = motion.gripper_positions[sample, arm] - motion.object_positions[sample, interval.object]
+    offset = (
+        motion.gripper_positions[sample, arm] - motion.object_positions[sample, interval.object]
+    )
     center = to_object @ offset
     closing = to_object @ motion.gripper_rotations[sample, arm][:, 1]
 
@@ -117,7 +119,9 @@ def _check_fingers(
     log.add_worst(GRIP, interval.start, names, gap[within], GRIP_TOLERANCE)
 
 
-def _finger_gap(motion: ReplayedMotion, interval: AttachmentInterval) -> Float[np.ndarray, " samples"]:
+def _finger_gap(
+    motion: ReplayedMotion, interval: AttachmentInterval
+) -> Float[np.ndarray, " samples"]:
     """Distance of the fingers from closed on the object at all samples, the larger one of both fingers [m]."""
     item = motion.scene.objects[interval.object]
     half_width = shape_check_named(item.shape).half_width(item.size, interval.arguments["face"])

@@ -50,7 +50,9 @@ def _closing_deviation(size: Size, face: str, closing: Float[np.ndarray, " 3"]) 
     return float(np.arctan2(np.linalg.norm(np.cross(normal, closing)), normal @ closing))
 
 
-def _closing_offset(size: Size, center: Float[np.ndarray, " 3"], closing: Float[np.ndarray, " 3"]) -> float:
+def _closing_offset(
+    size: Size, center: Float[np.ndarray, " 3"], closing: Float[np.ndarray, " 3"]
+) -> float:
     return 0.0
 
 

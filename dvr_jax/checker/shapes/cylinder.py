@@ -51,7 +51,9 @@ def _closing_deviation(size: Size, face: str, closing: Float[np.ndarray, " 3"]) 
     return float(np.arctan2(abs(closing[2]), np.hypot(closing[0], closing[1])))
 
 
-def _closing_offset(size: Size, center: Float[np.ndarray, " 3"], closing: Float[np.ndarray, " 3"]) -> float:
+def _closing_offset(
+    size: Size, center: Float[np.ndarray, " 3"], closing: Float[np.ndarray, " 3"]
+) -> float:
     # The bound keeps a vertical closing axis from a division by zero.
     length = max(np.hypot(closing[0], closing[1]), 1e-9)
     return float(abs(center[0] * closing[1] - center[1] * closing[0]) / length)

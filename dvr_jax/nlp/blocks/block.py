@@ -4,9 +4,9 @@ A block is a set of constraint rows of one kind: a value that holds the rows' sh
 scale, their tolerances, and what they add to the Gauss-Newton system. The NLP is one tuple of blocks
 (`dvr_jax.nlp.blocks.CONSTRAINT_BLOCKS`). Sign conventions: an equality is h = 0, an inequality g <= 0.
 
-The augmented Lagrangian gives each row a multiplier estimate y (its derivative of the Lagrangian) and an active penalty p
-(its penalty where the row counts, else 0). A block with Jacobian J adds ``J^T y`` to the gradient and ``J^T diag(p) J`` to
-the Gauss-Newton matrix.
+The augmented Lagrangian gives each row a multiplier estimate y (its derivative of the Lagrangian) and an active
+penalty p (its penalty where the row counts, else 0). A block with Jacobian J adds ``J^T y`` to the gradient and ``J^T
+diag(p) J`` to the Gauss-Newton matrix.
 """
 
 from __future__ import annotations
@@ -79,8 +79,8 @@ class Evaluation(NamedTuple):
     """Values of the rows."""
 
     jacobian: Any
-    """Derivatives of the rows, in the block's own structure; every leaf has a leading axis B. None where the block needs
-    none."""
+    """Derivatives of the rows, in the block's own structure; every leaf has a leading axis B. None where the block
+    needs none."""
 
     violation: tuple[Float[Array, " batch"], ...]
     """Largest violation of each of the block's measures, zero or positive."""
@@ -133,8 +133,8 @@ class ConstraintBlock:
     """Shape of the rows of one problem."""
 
     scale: Callable[[Horizon], Float[np.ndarray, "*shape"] | float]
-    """Penalty of each row relative to the solver's common one, which brings meters and radians to a common scale; an array
-    of the rows' shape, or one number."""
+    """Penalty of each row relative to the solver's common one, which brings meters and radians to a common scale; an
+    array of the rows' shape, or one number."""
 
     evaluate: Evaluate
     """Values, derivatives and violations of all rows of a batch."""

@@ -1,9 +1,9 @@
 """Collision: at every sample of the motion all bodies that can touch are apart.
 
-Rows ``g = -distance``, one for each sample and each pair of bodies (`dvr_jax.nlp.collision_rows`). Their Jacobian is never
-written down: the active rows of each sample are summed up beforehand (`dvr_jax.nlp.slices.reduce_slices`), and what is
-added here are these sums. A sample between two slices, at the fraction s of the interval, depends on both: on slice t by
-the factor s, on slice t - 1 by 1 - s.
+Rows ``g = -distance``, one for each sample and each pair of bodies (`dvr_jax.nlp.collision_rows`). Their Jacobian is
+never written down: the active rows of each sample are summed up beforehand (`dvr_jax.nlp.slices.reduce_slices`), and
+what is added here are these sums. A sample between two slices, at the fraction s of the interval, depends on both: on
+slice t by the factor s, on slice t - 1 by 1 - s.
 """
 
 from __future__ import annotations
@@ -44,6 +44,40 @@ def _evaluate(given: EvaluationInput) -> Evaluation:
     return Evaluation(-given.distance, None, (deepest,))
 
 
+def _sum_over_samples(weights: Array, value: Array) -> Array:
+    """Weighted sum of the M samples of each slice; weights (T, M), values (T M, ...)."""
+    T, M = weights.shape
+    samples = value.reshape(T, M, *value.shape[1:])
+    weights = weights.reshape(T, M, *(1,) * (value.ndim - 1))
+    return sum(weights[:, m] * samples[:, m] for m in range(M))  # type: ignore[return-value]
+
+
+def _from_next(value: Array) -> Array:
+    """Values of slice t + 1 at slice t; what falls on the home posture before the first slice is dropped."""
+    return jnp.concatenate([value[1:], jnp.zeros_like(value[:1])])
+
+
+def _sum_over_phases(matrix: Array, gradient: Array, belongs: Array) -> tuple[Array, Array]:
+    """Matrix and gradient of the mode parameters of all actions.
+
+    The parameters do not change within a phase, so all samples of a phase are summed up.
+
+    Args:
+        matrix: Matrices of all samples by the parameters of the N objects (T M, 4 N, 4 N).
+        gradient: Gradients (T M, 4 N).
+        belongs: 1 where an object's parameters in a phase are those of an action (K, N, K), else 0.
+
+    Returns:
+        Matrix (4 K, 4 K) and gradient (4 K,).
+    """
+    K, N = belongs.shape[:2]
+    in_phase = matrix.reshape(K, -1, PARAMETERS, N, PARAMETERS, N).sum(1)
+    corner = jnp.einsum("kcndo,knl,koj->lcjd", in_phase, belongs, belongs)
+    by_object = gradient.reshape(K, -1, PARAMETERS, N).sum(1)
+    of_actions = jnp.einsum("kcn,knl->lc", by_object, belongs)
+    return corner.reshape(K * PARAMETERS, -1), of_actions.reshape(-1)
+
+
 def _add_to_system(
     parts: SystemParts,
     problem: Problem,
@@ -61,16 +95,6 @@ def _add_to_system(
     matrix = jacobian.matrix
     gradient = jacobian.gradient
 
-    def over_samples(weights: Array, value: Array) -> Array:
-        """Weighted sum of the M samples of each slice."""
-        samples = value.reshape(T, M, *value.shape[1:])
-        weights = weights.reshape(T, M, *(1,) * (value.ndim - 1))
-        return sum(weights[:, m] * samples[:, m] for m in range(M))  # type: ignore[return-value]
-
-    def from_next(value: Array) -> Array:
-        """Values of slice t + 1 at slice t; what falls on the home posture before the first slice is dropped."""
-        return jnp.concatenate([value[1:], jnp.zeros_like(value[:1])])
-
     # Each object's parameter columns belong to the action that it is attached by in this phase.
     belongs = jnp.asarray(problem.mode_action[:-1, :, None] == jnp.arange(K), matrix.dtype)
 
@@ -81,22 +105,18 @@ def _add_to_system(
 
     of_joints = matrix[:, :D, :D]
     of_both = matrix[:, :D, D:]
-    blocks = over_samples(fraction**2, of_joints)
-    gradient_q = over_samples(fraction, gradient[:, :D])
-    border = to_actions(over_samples(fraction, of_both))
+    blocks = _sum_over_samples(fraction**2, of_joints)
+    gradient_q = _sum_over_samples(fraction, gradient[:, :D])
+    border = to_actions(_sum_over_samples(fraction, of_both))
     coupling = parts.coupling
     if M > 1:
         rest = 1 - fraction
-        blocks += from_next(over_samples(rest**2, of_joints))
-        gradient_q += from_next(over_samples(rest, gradient[:, :D]))
-        border += from_next(to_actions(over_samples(rest, of_both)))
-        coupling = coupling + over_samples(fraction * rest, of_joints)
+        blocks += _from_next(_sum_over_samples(rest**2, of_joints))
+        gradient_q += _from_next(_sum_over_samples(rest, gradient[:, :D]))
+        border += _from_next(to_actions(_sum_over_samples(rest, of_both)))
+        coupling = coupling + _sum_over_samples(fraction * rest, of_joints)
 
-    # The parameters do not change within a phase: all its samples are summed up.
-    in_phase = matrix[:, D:, D:].reshape(K, T // K * M, PARAMETERS, N, PARAMETERS, N).sum(1)
-    corner = jnp.einsum("kcndo,knl,koj->lcjd", in_phase, belongs, belongs).reshape(K * PARAMETERS, -1)
-    gradient_m = gradient[:, D:].reshape(K, T // K * M, PARAMETERS, N).sum(1)
-    gradient_m = jnp.einsum("kcn,knl->lc", gradient_m, belongs).reshape(-1)
+    corner, gradient_m = _sum_over_phases(matrix[:, D:, D:], gradient[:, D:], belongs)
     return parts._replace(
         blocks=parts.blocks + blocks,
         coupling=coupling,

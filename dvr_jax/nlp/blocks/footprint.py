@@ -1,12 +1,12 @@
 """Footprint: what an action puts down lies within the rectangle of its support.
 
-Four rows for each action, in the support's own frame: by how much the object's footprint sticks out at the sides +x, +y,
--x and -y [m]. A prism (hx, hy, hz, r) that is turned by ``a`` against the support reaches
+Four rows for each action, in the support's own frame: by how much the object's footprint sticks out at the sides +x,
++y, -x and -y [m]. A prism (hx, hy, hz, r) that is turned by ``a`` against the support reaches
 
     e_x = |cos a| hx + |sin a| hy + r,        e_y = |sin a| hx + |cos a| hy + r
 
-from its center, so that the rows at +x and -x are ``+-d_x + e_x - s_x`` for the center's offset d and the support's half
-extents s. The rows of an action that puts nothing down are -1.
+from its center, so that the rows at +x and -x are ``+-d_x + e_x - s_x`` for the center's offset d and the support's
+half extents s. The rows of an action that puts nothing down are -1.
 """
 
 from __future__ import annotations
@@ -81,7 +81,9 @@ def _overhang(
     rise = cosine * jnp.sign(sine)
     widening = jnp.stack([fall * hx + rise * hy, rise * hx + fall * hy], axis=-1)
 
-    rows = jnp.concatenate([offset + extent, extent - offset], axis=-1) - jnp.tile(support[..., 3:], 2)
+    rows = jnp.concatenate([offset + extent, extent - offset], axis=-1) - jnp.tile(
+        support[..., 3:], 2
+    )
     by_position = jnp.stack([jnp.stack([c, s], axis=-1), jnp.stack([-s, c], axis=-1)], axis=-2)
     by_yaw = jnp.stack([widening, jnp.zeros_like(widening)], axis=-1)
     jacobian = jnp.concatenate(
@@ -104,10 +106,13 @@ def _add_to_system(
 ) -> SystemParts:
     K = len(x.m)
     own = jnp.einsum("kri,krj,kr->kij", jacobian, jacobian, active_penalty)
-    corner = jnp.einsum("kij,kl->kilj", own, jnp.eye(K, dtype=own.dtype)).reshape(K * PARAMETERS, -1)
+    corner = jnp.einsum("kij,kl->kilj", own, jnp.eye(K, dtype=own.dtype)).reshape(
+        K * PARAMETERS, -1
+    )
     return parts._replace(
         corner=parts.corner + corner,
-        gradient_m=parts.gradient_m + jnp.einsum("kri,kr->ki", jacobian, multiplier_estimate).reshape(-1),
+        gradient_m=parts.gradient_m
+        + jnp.einsum("kri,kr->ki", jacobian, multiplier_estimate).reshape(-1),
     )
 
 

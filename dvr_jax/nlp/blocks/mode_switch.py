@@ -1,9 +1,9 @@
 r"""Mode switch: at a switch the object has the same pose under its old mode as under its new one.
 
-Six rows for each action, at the last slice of its phase: position under the old mode minus that under the new one [m], and
-twice the vector part of the quaternion of ``R_old R_new^T`` (the rotation vector [rad] to third order). With twists V_old,
-V_new of the object's two poses, V = (omega, v), a point p of each pose moves by ``v + omega x p``, and the quaternion (w, v)
-of the difference turns by
+Six rows for each action, at the last slice of its phase: position under the old mode minus that under the new one [m],
+and twice the vector part of the quaternion of ``R_old R_new^T`` (the rotation vector [rad] to third order). With
+twists V_old, V_new of the object's two poses, V = (omega, v), a point p of each pose moves by ``v + omega x p``, and
+the quaternion (w, v) of the difference turns by
 
     d(2 v) = w (omega_old - omega_new) + (omega_old + omega_new) x v.
 """
@@ -18,7 +18,14 @@ import numpy as np
 from jaxtyping import Float
 
 from dvr_jax.geometry.arrays import Array
-from dvr_jax.geometry.vectors import compose, cross, half_rotation_vector, materialize, rotation_angle, transpose
+from dvr_jax.geometry.vectors import (
+    compose,
+    cross,
+    half_rotation_vector,
+    materialize,
+    rotation_angle,
+    transpose,
+)
 from dvr_jax.modes.mode import PARAMETERS, Attachment
 from dvr_jax.modes.poses import object_poses
 from dvr_jax.nlp.blocks.block import (
@@ -135,19 +142,28 @@ def _add_to_system(
     # The two sets of parameters belong to the actions that the object is attached by before and after the switch.
     item = problem.switched_object[:, None]
     actions = [
-        jnp.take_along_axis(rows, item, axis=1)[:, 0] for rows in (problem.mode_action[:-1], problem.mode_action[1:])
+        jnp.take_along_axis(rows, item, axis=1)[:, 0]
+        for rows in (problem.mode_action[:-1], problem.mode_action[1:])
     ]
     belongs = jnp.asarray(jnp.stack(actions, axis=1)[..., None] == jnp.arange(K), x.q.dtype)
     by_joints = jacobian.by_joints
-    by_parameters = jnp.einsum("krob,kol->krlb", jacobian.by_parameters, belongs).reshape(K, 6, K * PARAMETERS)
+    by_parameters = jnp.einsum("krob,kol->krlb", jacobian.by_parameters, belongs).reshape(
+        K, 6, K * PARAMETERS
+    )
 
     weighted_joints = by_joints * active_penalty[..., None]
     weighted_parameters = by_parameters * active_penalty[..., None]
     return parts._replace(
-        blocks=jnp.asarray(parts.blocks).at[last].add(jnp.einsum("kri,krj->kij", weighted_joints, by_joints)),
-        border=jnp.asarray(parts.border).at[last].add(jnp.einsum("kri,krj->kij", weighted_joints, by_parameters)),
+        blocks=jnp.asarray(parts.blocks)
+        .at[last]
+        .add(jnp.einsum("kri,krj->kij", weighted_joints, by_joints)),
+        border=jnp.asarray(parts.border)
+        .at[last]
+        .add(jnp.einsum("kri,krj->kij", weighted_joints, by_parameters)),
         corner=parts.corner + jnp.einsum("kri,krj->ij", weighted_parameters, by_parameters),
-        gradient_q=jnp.asarray(parts.gradient_q).at[last].add(jnp.einsum("kri,kr->ki", by_joints, multiplier_estimate)),
+        gradient_q=jnp.asarray(parts.gradient_q)
+        .at[last]
+        .add(jnp.einsum("kri,kr->ki", by_joints, multiplier_estimate)),
         gradient_m=parts.gradient_m + jnp.einsum("kri,kr->i", by_parameters, multiplier_estimate),
     )
 
@@ -155,7 +171,10 @@ def _add_to_system(
 MODE_SWITCH = ConstraintBlock(
     name="mode_switch",
     kind=ConstraintKind.EQUALITY,
-    measures=(Measure("position", "m", POSITION_TOLERANCE), Measure("rotation", "rad", ROTATION_TOLERANCE)),
+    measures=(
+        Measure("position", "m", POSITION_TOLERANCE),
+        Measure("rotation", "rad", ROTATION_TOLERANCE),
+    ),
     shape=_shape,
     scale=_scale,
     evaluate=_evaluate,

@@ -37,7 +37,9 @@ def _scale(horizon: Horizon) -> float:
 
 def _evaluate(given: EvaluationInput) -> Evaluation:
     m = given.x.m
-    rows = jnp.stack([given.problems.parameter_lower - m, m - given.problems.parameter_upper], axis=1)
+    rows = jnp.stack(
+        [given.problems.parameter_lower - m, m - given.problems.parameter_upper], axis=1
+    )
     return Evaluation(rows, None, (jnp.maximum(rows.max(axis=(1, 2, 3)), 0),))
 
 

@@ -1,7 +1,7 @@
 """Rest: an arm that takes part in a switch does not move in the interval before it.
 
-Rows for each switch k of a path: ``h = rest_k (q_t - q_{t-1})`` at the switch's slice t, zero for arms that need not rest.
-In this interval the fingers close. Keyframes have no such rows.
+Rows for each switch k of a path: ``h = rest_k (q_t - q_{t-1})`` at the switch's slice t, zero for arms that need not
+rest. In this interval the fingers close. Keyframes have no such rows.
 """
 
 from __future__ import annotations

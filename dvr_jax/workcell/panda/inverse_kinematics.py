@@ -1,10 +1,10 @@
 """Closed-form inverse kinematics of a Panda arm, with the last joint's angle as the free parameter.
 
-The Panda's wrist is offset (a7 = 8.8 cm), so there is no spherical wrist; but once q7 is chosen, the center O6 of joint 6 is
-known, and shoulder S, elbow O4 and O6 form a triangle with two known sides. What is left are two choices of two: which way
-the forearm folds about the line S - O6 (two roots of one trigonometric equation in q6) and which way the shoulder turns (q2
-and -q2). Derived here from Franka's Denavit-Hartenberg table; the same decomposition is in He and Liu, "Analytical inverse
-kinematics for Franka Emika Panda", 2021.
+The Panda's wrist is offset (a7 = 8.8 cm), so there is no spherical wrist; but once q7 is chosen, the center O6 of
+joint 6 is known, and shoulder S, elbow O4 and O6 form a triangle with two known sides. What is left are two choices of
+two: which way the forearm folds about the line S - O6 (two roots of one trigonometric equation in q6) and which way
+the shoulder turns (q2 and -q2). Derived here from Franka's Denavit-Hartenberg table; the same decomposition is in He
+and Liu, "Analytical inverse kinematics for Franka Emika Panda", 2021.
 
 Notation: x_i, y_i, z_i are the axes of link frame i, O_i its origin; c and s stand for a cosine and a sine.
 """
@@ -59,8 +59,8 @@ class _Lengths(NamedTuple):
 
     cosine_at_zero: Array
     sine_at_zero: Array
-    """Of the angle in the triangle at the elbow for q4 = 0. In the plane of the triangle, with O4 as origin and (x3, z3) as
-    axes, S lies at (-a4, -d3), and O6 at (-a4, d5) turned by q4."""
+    """Of the angle in the triangle at the elbow for q4 = 0. In the plane of the triangle, with O4 as origin and (x3,
+    z3) as axes, S lies at (-a4, -d3), and O6 at (-a4, d5) turned by q4."""
 
 
 class _Wrist(NamedTuple):
@@ -68,7 +68,6 @@ class _Wrist(NamedTuple):
 
     x6: Vector
     y6: Vector
-    z6: Vector
     to_shoulder: Vector
     """S - O6 [m]."""
 
@@ -108,8 +107,8 @@ def arm_angles(
 ) -> tuple[Float[Array, "7 4 lanes"], Float[Array, "4 lanes"]]:
     """Joint angles that bring a gripper to poses in the frame of its arm's base.
 
-    Two values of q4, on either side of -0.467 rad, give the same distance from shoulder to wrist; only the more bent one is
-    taken. The others hold the wrist within 1.4 cm of its greatest distance.
+    Two values of q4, on either side of -0.467 rad, give the same distance from shoulder to wrist; only the more bent
+    one is taken. The others hold the wrist within 1.4 cm of its greatest distance.
 
     Args:
         model: Arms of the workcell, Pandas.
@@ -118,9 +117,9 @@ def arm_angles(
         free: Angle q7 of the last joint [rad].
 
     Returns:
-        Angles [rad], and by how much each branch fails: 0 where it reaches the pose within the joint limits; else how far
-        the triangle is from closing (a difference of cosines or of lengths [m]) plus the largest excess over a limit [rad],
-        and the angles are those of the nearest closed triangle.
+        Angles [rad], and by how much each branch fails: 0 where it reaches the pose within the joint limits; else how
+        far the triangle is from closing (a difference of cosines or of lengths [m]) plus the largest excess over a
+        limit [rad], and the angles are those of the nearest closed triangle.
     """
     q7 = free[0]
     lengths = _lengths(model, q7.dtype)
@@ -167,11 +166,11 @@ def _place_wrist(lengths: _Lengths, R: Rotation, p: Vector, q7: Array) -> _Wrist
     x7, z7, center = materialize((x7, R[2], p))
     y7 = cross(z7, x7)
     c7, s7 = materialize((jnp.cos(q7), jnp.sin(q7)))
-    x6, z6 = materialize((c7 * x7 - s7 * y7, s7 * x7 + c7 * y7))
+    x6 = materialize(c7 * x7 - s7 * y7)
 
     O6 = materialize(center - lengths.reach * z7 - lengths.wrist * x6)
     to_shoulder = materialize(jnp.stack([-O6[0], -O6[1], lengths.shoulder_height - O6[2]]))
-    return _Wrist(x6, -z7, z6, to_shoulder)
+    return _Wrist(x6, -z7, to_shoulder)
 
 
 def _close_triangle(lengths: _Lengths, to_shoulder: Vector) -> _Triangle:
@@ -206,11 +205,13 @@ def _fold_forearm(lengths: _Lengths, wrist: _Wrist, triangle: _Triangle) -> _Elb
     gap = triangle.gap + jnp.maximum(jnp.abs(triangle.alpha) - amplitude, 0)
     amplitude = jnp.maximum(amplitude, 1e-9)
     cosine = jnp.clip(triangle.alpha / amplitude, -1, 1)
-    c6, s6, cosine, sine = materialize((along_y / amplitude, along_x / amplitude, cosine, _sine_of(cosine)))
+    c6, s6, cosine, sine = materialize(
+        (along_y / amplitude, along_x / amplitude, cosine, _sine_of(cosine))
+    )
 
     side = jnp.asarray([1.0, -1.0], c6.dtype)[:, None]
     c6, s6 = materialize((c6 * cosine - side * s6 * sine, s6 * cosine + side * c6 * sine))
-    x6, y6, z6, to_shoulder = (vector[:, None] for vector in wrist)
+    x6, y6, to_shoulder = (vector[:, None] for vector in wrist)
     z5, x5 = materialize((s6 * x6 + c6 * y6, c6 * x6 - s6 * y6))
     beta = jnp.where(jnp.abs(triangle.beta) < 1e-9, 1e-9, triangle.beta)
     x4 = materialize((to_shoulder - triangle.alpha * z5) / beta)

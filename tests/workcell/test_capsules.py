@@ -2,14 +2,11 @@
 
 import mujoco
 import numpy as np
-from arm_states import Floats, sample_postures, set_postures
+from arm_states import Floats, Simulated, sample_postures
 
-from dvr_jax.scene.files import Goal, Region, SceneObject, make_scene
-from dvr_jax.scene.mjcf import COLLISION_GROUP, LOOKS_GROUP, build_model
-
-SCENE = make_scene(
-    [SceneObject("box", "box", (0.05, 0.1, 0.1), (0.0, 0.3), 0.3)], Goal("box", Region((0, 0), 0, (0.2, 0.2)))
-)
+LOOKS_GROUP = 2
+COLLISION_GROUP = 3
+"""Geom groups of the robots' models: what is seen, and what collides."""
 
 COVERED = 0.008
 """As `panda.xml` says [m] ..."""
@@ -24,7 +21,9 @@ def surface(kind: int, size: Floats, generator: np.random.Generator) -> Floats:
     direction = generator.normal(size=(n, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
-        return size[0] * direction + np.array([0, 0, 1]) * size[1] * generator.uniform(-1, 1, (n, 1))
+        return size[0] * direction + np.array([0, 0, 1]) * size[1] * generator.uniform(
+            -1, 1, (n, 1)
+        )
     if kind == mujoco.mjtGeom.mjGEOM_BOX:
         return size * direction / np.abs(direction).max(axis=1, keepdims=True)
     assert kind == mujoco.mjtGeom.mjGEOM_CYLINDER
@@ -46,14 +45,17 @@ def beyond_capsules(model: mujoco.MjModel, data: mujoco.MjData, arm: str, points
         radius, half = model.geom_size[geom, :2]
         low, high = in_world(data, geom, np.array([[0, 0, -half], [0, 0, half]]))
         along = np.clip((points - low) @ (high - low) / (2 * half) ** 2, 0, 1)
-        nearest = np.minimum(nearest, np.linalg.norm(points - low - along[:, None] * (high - low), axis=1) - radius)
+        nearest = np.minimum(
+            nearest, np.linalg.norm(points - low - along[:, None] * (high - low), axis=1) - radius
+        )
     return nearest
 
 
 def test_capsules_cover_what_is_drawn() -> None:
-    model, generator = build_model(SCENE), np.random.default_rng(0)
+    simulated, generator = Simulated(), np.random.default_rng(0)
+    model = simulated.model
     worst: dict[str, float] = {}
-    for data in set_postures(model, *sample_postures(4)):
+    for data in simulated.states(*sample_postures(4)):
         for geom in np.flatnonzero(model.geom_group == LOOKS_GROUP):
             body = model.body(model.geom_bodyid[geom]).name
             arm, _, link = body.partition("/")
@@ -61,7 +63,9 @@ def test_capsules_cover_what_is_drawn() -> None:
                 continue
             if link == "link7" and model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_BOX:
                 link = "flange's box"
-            points = in_world(data, geom, surface(int(model.geom_type[geom]), model.geom_size[geom], generator))
+            points = in_world(
+                data, geom, surface(int(model.geom_type[geom]), model.geom_size[geom], generator)
+            )
             depth = float(beyond_capsules(model, data, arm, points).max())
             worst[link] = max(worst.get(link, 0.0), depth)
     limits = dict.fromkeys(worst, COVERED) | LESS_COVERED | {"flange's box": FLANGE_BOX}

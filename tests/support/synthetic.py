@@ -12,7 +12,9 @@ from dvr_jax.scene.types import Scene
 OPTIONS = {"seed": 1, "objects": 2, "k_max": 6, "solutions": 4}
 
 
-def sweep_scene(scene: Scene, index: int, rows: int = 100, k_max: int = 6, seed: int = 0) -> list[Label]:
+def sweep_scene(
+    scene: Scene, index: int, rows: int = 100, k_max: int = 6, seed: int = 0
+) -> list[Label]:
     sequences = sequence_index_of(scene)
     grounding, generator = sequences.grounding, random.Random(f"sweep {seed} {index}")
     labels: list[Label] = []
@@ -28,8 +30,18 @@ def sweep_scene(scene: Scene, index: int, rows: int = 100, k_max: int = 6, seed:
                 queue.append((actions, after))
                 continue
             feasible = goal and generator.random() < 0.15
-            bound = "" if feasible else "path" if goal else generator.choice(["symbolic", "pose", "sequence"])
-            violation = math.nan if bound == "symbolic" else math.exp(generator.gauss(-3 if feasible else 3, 1))
+            bound = (
+                ""
+                if feasible
+                else "path"
+                if goal
+                else generator.choice(["symbolic", "pose", "sequence"])
+            )
+            violation = (
+                math.nan
+                if bound == "symbolic"
+                else math.exp(generator.gauss(-3 if feasible else 3, 1))
+            )
             words = tuple(str(grounding.actions[i]) for i in actions)
             labels.append(Label(index, words, feasible, not goal, bound, violation))
             if len(labels) == rows:
@@ -37,6 +49,10 @@ def sweep_scene(scene: Scene, index: int, rows: int = 100, k_max: int = 6, seed:
     return labels
 
 
-def synthetic(first: int, stop: int, rows: int = 100, objects: int = 2) -> tuple[dict[int, Scene], list[Label]]:
+def synthetic(
+    first: int, stop: int, rows: int = 100, objects: int = 2
+) -> tuple[dict[int, Scene], list[Label]]:
     scenes = dict(list(enumerate(sample_scenes(stop, objects, seed=1)))[first:])
-    return scenes, [label for index, scene in scenes.items() for label in sweep_scene(scene, index, rows)]
+    return scenes, [
+        label for index, scene in scenes.items() for label in sweep_scene(scene, index, rows)
+    ]

@@ -8,7 +8,7 @@ import numpy as np
 
 from dvr_jax.dataset.columns import Columns
 from dvr_jax.dataset.footer import ShardInfo
-from dvr_jax.dataset.sequence_index import SequenceIndex, sequence_index_of
+from dvr_jax.dataset.sequence_index import ActionNumbers, SequenceIndex, sequence_index_of
 from dvr_jax.errors import DvrError
 from dvr_jax.scene.files import scene_from_json
 from dvr_jax.scene.types import Scene
@@ -17,7 +17,7 @@ _UNKNOWN = -1
 
 
 @dataclass(frozen=True, slots=True)
-class LabelledScene:
+class LabeledScene:
     """A scene with the sequences and prefixes that have a label."""
 
     number: int
@@ -29,24 +29,28 @@ class LabelledScene:
     index: SequenceIndex
     """Its actions and sequences."""
 
-    judged: dict[tuple[int, ...], bool]
-    """Whether each labelled sequence is feasible; sequences are numbers of actions, in the order of the labels."""
+    judged: dict[ActionNumbers, bool]
+    """Whether each labeled sequence is feasible; sequences are numbers of actions, in the order of the labels."""
 
-    refuted_prefixes: list[tuple[int, ...]]
+    refuted_prefixes: list[ActionNumbers]
     """Prefixes of which all continuations are infeasible."""
 
     @property
-    def feasible(self) -> list[tuple[int, ...]]:
-        """The labelled sequences that are feasible."""
+    def feasible(self) -> list[ActionNumbers]:
+        """The labeled sequences that are feasible."""
         return [sequence for sequence, verdict in self.judged.items() if verdict]
 
     @property
-    def infeasible(self) -> list[tuple[int, ...]]:
-        """The labelled sequences that are infeasible."""
+    def infeasible(self) -> list[ActionNumbers]:
+        """The labeled sequences that are infeasible."""
         return [sequence for sequence, verdict in self.judged.items() if not verdict]
 
 
-def labelled_scenes(info: ShardInfo, columns: Columns, solved_only: bool = False) -> Iterator[LabelledScene]:
+def labeled_scenes(
+    info: ShardInfo,
+    columns: Columns,
+    solved_only: bool = False,
+) -> Iterator[LabeledScene]:
     """Yield the scenes of a shard that have labels.
 
     Args:
@@ -68,8 +72,8 @@ def labelled_scenes(info: ShardInfo, columns: Columns, solved_only: bool = False
         number = info.scenes[row]
         scene = scene_from_json(columns.scene_texts[row], f"{info.path}, scene {number}")
         index = sequence_index_of(scene)
-        judged: dict[tuple[int, ...], bool] = {}
-        refuted_prefixes: list[tuple[int, ...]] = []
+        judged: dict[ActionNumbers, bool] = {}
+        refuted_prefixes: list[ActionNumbers] = []
         for sequence, feasible, is_prefix in zip(
             _sequences(columns, labels, index, str(info)),
             columns.feasible[labels].tolist(),
@@ -80,10 +84,15 @@ def labelled_scenes(info: ShardInfo, columns: Columns, solved_only: bool = False
                 refuted_prefixes.append(sequence)
             else:
                 judged[sequence] = feasible
-        yield LabelledScene(number, scene, index, judged, refuted_prefixes)
+        yield LabeledScene(number, scene, index, judged, refuted_prefixes)
 
 
-def _sequences(columns: Columns, labels: slice, index: SequenceIndex, source: str) -> list[tuple[int, ...]]:
+def _sequences(
+    columns: Columns,
+    labels: slice,
+    index: SequenceIndex,
+    source: str,
+) -> list[ActionNumbers]:
     """Return the actions of each label as numbers in the grounding of the scene."""
     number_of_name = [index.index_of.get(name, _UNKNOWN) for name in columns.names]
     ends = columns.action_ends[labels.start : labels.stop + 1].tolist()
@@ -91,7 +100,9 @@ def _sequences(columns: Columns, labels: slice, index: SequenceIndex, source: st
     numbers = [number_of_name[code] for code in codes]
     if _UNKNOWN in numbers:
         name = columns.names[codes[numbers.index(_UNKNOWN)]]
-        raise DvrError(f"{source} has a label with the action {name!r}, which its scene does not have.")
+        raise DvrError(
+            f"{source} has a label with the action {name!r}, which its scene does not have."
+        )
 
     first = ends[0]
     return [tuple(numbers[start - first : end - first]) for start, end in pairwise(ends)]
