@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from dvr_jax.dataset.sequence_index import SequenceIndex
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import count_sequences, enumerate_sequences, ground_actions
+from dvr_jax.workcell.workcell import DEFAULT_WORKCELL
 
-INDEX = SequenceIndex(ground_actions(("yellow", "blue"), "blue"))
-UP_TO_4 = [
-    sequence for length in range(1, 5) for sequence in enumerate_sequences(INDEX.grounding, length)
-]
+ARMS = DEFAULT_WORKCELL.arm_names
+INDEX = SequenceIndex(ground_actions(("yellow", "blue"), "blue", ARMS))
+UP_TO_4 = [sequence for length in range(1, 5) for sequence in enumerate_sequences(INDEX.grounding, length)]
 
 
 def test_numbers_are_the_enumeration() -> None:
@@ -26,17 +26,13 @@ def test_numbers_are_the_enumeration() -> None:
 
 @pytest.mark.parametrize("objects", [1, 3, 5])
 def test_counts_are_those_of_table_one(objects: int) -> None:
-    index = SequenceIndex(ground_actions([f"object {i}" for i in range(objects)], "object 0"))
+    index = SequenceIndex(ground_actions([f"object {i}" for i in range(objects)], "object 0", ARMS))
     start = index.grounding.initial_state
-    assert {length: index.count(start, length) for length in range(1, 7)} == count_sequences(
-        index.grounding, 6
-    )
+    assert {length: index.count(start, length) for length in range(1, 7)} == count_sequences(index.grounding, 6)
 
 
 @given(st.sampled_from(UP_TO_4), st.integers(0, 4), st.integers(0, 2**32))
-def test_draw_gives_every_continuation_once(
-    sequence: tuple[int, ...], length: int, seed: int
-) -> None:
+def test_draw_gives_every_continuation_once(sequence: tuple[int, ...], length: int, seed: int) -> None:
     prefix = sequence[:length]
     drawn = list(INDEX.draw(prefix, 4, random.Random(seed)))
     assert sorted(drawn) == sorted(other for other in UP_TO_4 if other[: len(prefix)] == prefix)
@@ -47,11 +43,7 @@ def test_draw_is_uniform() -> None:
     prefix = UP_TO_4[-1][:2]
     all_of_them = list(INDEX.draw(prefix, 4, random.Random(0)))
     draws, taken = 125 * len(all_of_them) // 3, 3
-    hits = Counter(
-        s
-        for seed in range(draws)
-        for s in islice(INDEX.draw(prefix, 4, random.Random(seed)), taken)
-    )
+    hits = Counter(s for seed in range(draws) for s in islice(INDEX.draw(prefix, 4, random.Random(seed)), taken))
     expected = draws * taken / len(all_of_them)
     assert set(hits) == set(all_of_them)
     assert max(abs(number - expected) for number in hits.values()) < 5 * expected**0.5
