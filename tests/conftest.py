@@ -11,7 +11,8 @@ import jax
 from jaxtyping import install_import_hook
 
 # The shapes and types in the annotations of these packages are checked whenever one of their functions is called.
-# Absent is `dvr_jax.workcell.model`: its dataclass is a pytree, and JAX also makes ones whose leaves are no arrays.
+# Absent are `dvr_jax.workcell.model`, whose dataclass is a pytree (JAX also makes ones whose leaves are no arrays), and
+# `dvr_jax.scene.random_scenes`, which refuses arguments of a wrong type in words of its own.
 install_import_hook(
     [
         "dvr_jax.geometry",
@@ -19,7 +20,20 @@ install_import_hook(
         "dvr_jax.motion",
         "dvr_jax.nlp",
         "dvr_jax.operators",
-        "dvr_jax.scene",
+        "dvr_jax.scene.camera",
+        "dvr_jax.scene.colors",
+        "dvr_jax.scene.distribution",
+        "dvr_jax.scene.file_format",
+        "dvr_jax.scene.files",
+        "dvr_jax.scene.fixed_sampling",
+        "dvr_jax.scene.layout",
+        "dvr_jax.scene.mjcf",
+        "dvr_jax.scene.pinhole",
+        "dvr_jax.scene.rules",
+        "dvr_jax.scene.sampling",
+        "dvr_jax.scene.types",
+        "dvr_jax.scene.validation",
+        "dvr_jax.scene.workcell_rules",
         "dvr_jax.seeds",
         "dvr_jax.shapes",
         "dvr_jax.solver",
