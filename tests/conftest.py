@@ -11,7 +11,8 @@ import jax
 from jaxtyping import install_import_hook
 
 # The shapes and types in the annotations of these packages are checked whenever one of their functions is called. Of
-# `dvr_jax.scene` only what works on arrays: the rest is there to refuse wrong values, which tests hand to it.
+# `dvr_jax.scene` only what works on arrays: the rest is there to refuse wrong values, which tests hand to it. Absent is
+# `dvr_jax.workcell.model`, whose dataclass is a pytree: JAX also makes ones whose leaves are no arrays.
 install_import_hook(
     [
         "dvr_jax.geometry",
@@ -26,7 +27,11 @@ install_import_hook(
         "dvr_jax.seeds",
         "dvr_jax.shapes",
         "dvr_jax.solver",
-        "dvr_jax.workcell",
+        "dvr_jax.workcell.gripper_motion",
+        "dvr_jax.workcell.kinematics",
+        "dvr_jax.workcell.panda",
+        "dvr_jax.workcell.robot",
+        "dvr_jax.workcell.workcell",
     ],
     "annotation_checks.check",
 )

@@ -6,6 +6,7 @@ The imports are read from the syntax trees, so those inside functions count; tho
 import ast
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -204,6 +205,12 @@ def _packages_of_test(path: Path) -> frozenset[str]:
 
 def _folders() -> list[str]:
     return sorted({path.relative_to(TESTS).parts[0] for path in TESTS.glob("*/*.py")})
+
+
+def test_every_test_file_has_a_name_of_its_own() -> None:
+    """Folders of tests are no packages: pytest could not tell two files of one name apart."""
+    names = Counter(path.name for path in TESTS.rglob("test_*.py"))
+    assert [name for name, number in names.items() if number > 1] == []
 
 
 def test_every_folder_of_tests_is_named_after_its_package() -> None:

@@ -35,8 +35,9 @@ def sample_scenes(
         OptionError: An argument has a wrong type.
         DvrError: An argument has a wrong value, or the distribution leaves no room for a valid scene.
     """
-    for name, value in (("number", number), ("objects", objects), ("seed", seed)):
-        _require_whole_number(name, value)
+    number = _whole_number("number", number)
+    objects = _whole_number("objects", objects)
+    seed = _whole_number("seed", seed)
     if not isinstance(distribution, SceneDistribution):
         raise OptionError(
             f"distribution is of the type {type(distribution).__name__}; valid is a SceneDistribution."
@@ -49,9 +50,9 @@ def sample_scenes(
     return sampling.sample_scenes(number, objects, seed, distribution, workcell)
 
 
-def _require_whole_number(name: str, value: object) -> None:
-    """Refuse what is no whole number."""
+def _whole_number(name: str, value: object) -> int:
+    """Return a value as an int, also one of NumPy's; refuse what is no whole number."""
     try:
-        operator.index(value)  # type: ignore[arg-type]
+        return operator.index(value)  # type: ignore[arg-type]
     except TypeError:
         raise OptionError(f"{name} is {value!r}; valid is a whole number.") from None

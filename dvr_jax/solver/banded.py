@@ -148,7 +148,7 @@ def _pair_blocks(A: Array, B1: Array, B2: Array) -> tuple[Array, Array]:
     return own, ahead
 
 
-def _solve_corner(system: BorderedSystem, reduced: Array, damping: Array) -> Array:
+def _solve_corner(system: BorderedSystem, reduced: Array, damping: Array | float) -> Array:
     """Compute the step of the mode parameters (M,) from the forward-reduced right-hand sides, rows of M + 1."""
     M = system.gradient_m.shape[0]
     flat = reduced.reshape(-1, M + 1)

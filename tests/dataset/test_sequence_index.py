@@ -11,8 +11,10 @@ from hypothesis import strategies as st
 from dvr_jax.dataset.sequence_index import SequenceIndex
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import count_sequences, enumerate_sequences, ground_actions
+from dvr_jax.workcell.workcell import DEFAULT_WORKCELL
 
-INDEX = SequenceIndex(ground_actions(("yellow", "blue"), "blue"))
+ARMS = DEFAULT_WORKCELL.arm_names
+INDEX = SequenceIndex(ground_actions(("yellow", "blue"), "blue", ARMS))
 UP_TO_4 = [
     sequence for length in range(1, 5) for sequence in enumerate_sequences(INDEX.grounding, length)
 ]
@@ -26,7 +28,7 @@ def test_numbers_are_the_enumeration() -> None:
 
 @pytest.mark.parametrize("objects", [1, 3, 5])
 def test_counts_are_those_of_table_one(objects: int) -> None:
-    index = SequenceIndex(ground_actions([f"object {i}" for i in range(objects)], "object 0"))
+    index = SequenceIndex(ground_actions([f"object {i}" for i in range(objects)], "object 0", ARMS))
     start = index.grounding.initial_state
     assert {length: index.count(start, length) for length in range(1, 7)} == count_sequences(
         index.grounding, 6

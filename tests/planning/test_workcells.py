@@ -1,6 +1,5 @@
 """Scenes of every workcell, and scenes with fixed bodies, are planned by multi-bound search and checked."""
 
-import math
 from dataclasses import replace
 
 import pytest
@@ -74,19 +73,10 @@ def test_an_arm_takes_a_box_from_below_a_shelf_board() -> None:
     require_checked(plan(scene, "mbts", k_max=2))
 
 
-def test_a_region_behind_walls_exhausts_the_tree() -> None:
-    """Four walls around the region, higher than the arm reaches down between them."""
+def test_a_region_below_a_low_board_exhausts_the_tree() -> None:
+    """The board leaves 6 cm above the region; the box is 10 cm high."""
     x, y = OPEN.goal.region.position
-    walls = tuple(
-        FixedBody(
-            f"wall {side}",
-            "box",
-            (0.24, 0.02, 0.55),
-            (x + 0.11 * math.cos(angle), y + 0.11 * math.sin(angle), 0.275),
-            angle + math.pi / 2,
-        )
-        for side, angle in enumerate(math.pi / 2 * turn for turn in range(4))
-    )
-    closed = replace(OPEN, fixed=walls)
+    board = FixedBody("low board", "box", (0.30, 0.30, 0.03), (x, y, 0.075), OPEN.goal.region.yaw)
+    closed = replace(OPEN, fixed=(board,))
     validate_scene(closed)
     assert plan(closed, "mbts", k_max=2).status == "tree exhausted"
