@@ -6,15 +6,16 @@ import pytest
 
 from dvr_jax.bench.drawn import drawn_penetrations
 from dvr_jax.motion.motion import Motion, make_motion
-from dvr_jax.scene.files import Goal, Region, Scene, SceneObject, make_scene
 from dvr_jax.scene.mjcf import COLLISION_GROUP, LOOKS_GROUP, build_model, home_qpos
+from dvr_jax.scene.types import OnRegion, Region, Scene, SceneObject
+from dvr_jax.scene.validation import make_scene
 
 STEP = 0.02
 
 
 def scene_with_post(y: float) -> Scene:
     post = SceneObject("post", "cylinder", (0.02, 0.8), (-0.53, y), 0.0)
-    return make_scene([post], Goal("post", Region((0.0, 0.5), 0.0, (0.2, 0.2))))
+    return make_scene([post], OnRegion("post", Region((0.0, 0.5), 0.0, (0.2, 0.2))))
 
 
 def at_home(scene: Scene) -> Motion:

@@ -5,7 +5,6 @@ import importlib
 import mujoco
 import numpy as np
 import pytest
-from dvr_jax.workcell.constants import ARM_NAMES
 
 from dvr_jax.bench.peer_judging import judge_point
 from dvr_jax.bench.peers import PeersOptions, draw_sequence, run
@@ -13,10 +12,11 @@ from dvr_jax.bench.rai import build_keyframes, build_path, solve_peer, to_variab
 from dvr_jax.bench.rai_scene import build_peer_scene, gripper_frame, load_robotic, object_frame
 from dvr_jax.bench.recall import judge_prefix
 from dvr_jax.errors import DvrError
-from dvr_jax.logic import Action, ground_actions
-from dvr_jax.nlp.transcription import refute, transcribe
+from dvr_jax.logic import Action
+from dvr_jax.nlp.transcription import transcribe
+from dvr_jax.operators import OPERATORS, ground_scene, refute
 from dvr_jax.scene.mjcf import build_model, home_qpos, object_body_name, qpos_layout
-from dvr_jax.scene.types import Goal, Region, Scene, SceneObject
+from dvr_jax.scene.types import OnRegion, Region, Scene, SceneObject
 from dvr_jax.scene.validation import make_scene
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import run_alone
@@ -37,7 +37,7 @@ def scene() -> Scene:
     """A narrow box in front of the left arm, its goal beside it, and a box elsewhere."""
     near = SceneObject("near", "box", (0.05, 0.08, 0.10), (-0.30, 0.15), 0.4)
     far = SceneObject("far", "box", (0.06, 0.12, 0.08), (0.40, 0.30), -1.0)
-    return make_scene((near, far), Goal("near", Region((-0.30, -0.20), 0.3, (0.14, 0.14))))
+    return make_scene((near, far), OnRegion("near", Region((-0.30, -0.20), 0.3, (0.14, 0.14))))
 
 
 @with_robotic
@@ -50,7 +50,7 @@ def test_grippers_and_objects_are_where_mujoco_has_them(scene: Scene) -> None:
         data.qpos[qpos_layout(2).arm_joints.reshape(-1)] = q
         mujoco.mj_kinematics(model, data)
         peer.config.setJointState(q)
-        expected = [data.site(f"{arm}/gripper") for arm in ARM_NAMES]
+        expected = [data.site(f"{arm}/gripper") for arm in scene.workcell.arm_names]
         expected += [data.body(object_body_name(item.name)) for item in scene.objects]
         names = [*map(gripper_frame, range(2)), *map(object_frame, range(2))]
         for name, there in zip(names, expected, strict=True):
@@ -84,13 +84,13 @@ def test_an_easy_problem_is_feasible_in_both(scene: Scene) -> None:
 
 
 def test_drawn_sequences_reach_the_goal_and_are_not_refuted(scene: Scene) -> None:
-    grounding = ground_actions(["near", "far"], "near")
+    grounding = ground_scene(scene)
     generator = np.random.default_rng(0)
     for length in range(2, 7):
         actions = draw_sequence(grounding, scene, length, generator)
         assert actions is not None
         grounding.check_sequence(actions)
-        assert all(refute(scene, action) is None for action in actions)
+        assert all(refute(scene, action, OPERATORS) is None for action in actions)
 
 
 def test_without_robotic_a_sentence_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,12 +5,10 @@ import sys
 import pytest
 
 from dvr_jax.logic import (
-    ARMS,
     Action,
     LogicError,
     compose_domain,
     count_sequences,
-    describe,
     domain_signature,
     enumerate_sequences,
     ground_actions,
@@ -19,6 +17,8 @@ from dvr_jax.logic.domain import shipped_actions, shipped_domain, shipped_header
 from dvr_jax.logic.grounder import Entity, ground_domain
 from dvr_jax.logic.parsing import parse_domain, read_domain
 from dvr_jax.logic.task import ground_task
+
+ARMS = ("left", "right")
 
 OURS = shipped_domain()
 
@@ -64,12 +64,11 @@ def with_effect(text: str, requirement: str = "") -> str:
 
 def test_an_added_operator_is_grounded() -> None:
     action_texts = [*shipped_actions(), PUSH]
-    grounding = ground_actions(["yellow", "red"], "yellow", action_texts=action_texts)
+    grounding = ground_actions(["yellow", "red"], "yellow", ARMS, action_texts=action_texts)
     pushes = [action for action in grounding.actions if action.operator == "push"]
     assert len(pushes) == 2 * 2 * 2  # arms, objects, (from, to) with from /= to
     push = Action("push", ("left", "yellow", "table", "goal"))
     grounding.check_sequence([push])
-    assert describe(push) == "push(left, yellow, table, goal)"
     assert [str(grounding.actions[i]) for (i,) in enumerate_sequences(grounding, 1)] == [
         "push(left, yellow, table, goal)",
         "push(right, yellow, table, goal)",
@@ -264,9 +263,11 @@ def test_the_signature_of_grasp_and_place_is_that_of_all_shipped_labels_and_netw
 
 
 def test_further_operators_take_the_place_of_the_shipped_ones() -> None:
-    grounding = ground_actions(["yellow", "red"], "yellow", action_texts=[PUSH])
+    grounding = ground_actions(["yellow", "red"], "yellow", ARMS, action_texts=[PUSH])
     assert {action.operator for action in grounding.actions} == {"push"}
-    assert {action.operator for action in ground_actions(["yellow", "red"], "yellow").actions} == {
+    assert {
+        action.operator for action in ground_actions(["yellow", "red"], "yellow", ARMS).actions
+    } == {
         "grasp",
         "place",
     }
@@ -302,13 +303,17 @@ def test_a_broken_action_text_is_refused() -> None:
         ground_actions(
             ["yellow"],
             "yellow",
+            ARMS,
             action_texts=[PUSH.replace("(on ?item ?from)\n", "(held ?item)\n")],
         )
     with pytest.raises(LogicError, match="is not a PDDL domain that can be read"):
-        ground_actions(["yellow"], "yellow", action_texts=["(:action push"])
+        ground_actions(["yellow"], "yellow", ARMS, action_texts=["(:action push"])
     with pytest.raises(LogicError, match="two operators are named 'grasp'"):
         ground_actions(
-            ["yellow"], "yellow", action_texts=[*shipped_actions(), PUSH.replace("push", "grasp")]
+            ["yellow"],
+            "yellow",
+            ARMS,
+            action_texts=[*shipped_actions(), PUSH.replace("push", "grasp")],
         )
 
 

@@ -21,11 +21,12 @@ TABLE_ONE = {
 }
 """Objects to sequences of length 2 to 6."""
 
+ARMS = ("left", "right")
 OBJECTS = ("yellow", "red", "can", "green", "blue")
 
 
 def ground(number: int) -> Grounding:
-    return ground_actions(OBJECTS[:number], "yellow")
+    return ground_actions(OBJECTS[:number], "yellow", ARMS)
 
 
 @pytest.mark.parametrize("number", TABLE_ONE)
@@ -59,7 +60,9 @@ def test_enumeration_is_lazy() -> None:
 
 
 def test_the_goal_object_decides_nothing_but_names() -> None:
-    assert count_sequences(ground_actions(OBJECTS[:3], "can"), 5) == count_sequences(ground(3), 5)
+    assert count_sequences(ground_actions(OBJECTS[:3], "can", ARMS), 5) == count_sequences(
+        ground(3), 5
+    )
 
 
 def test_lengths_at_the_edge() -> None:
