@@ -359,7 +359,7 @@ NAME_OF_101 = "n" * 101
             changed("fixed", []),
             "unknown field `fixed`; valid keys are version, objects, goal, home",
         ),
-        (changed2("workcell.robot", "ufo"), "no robot is registered as 'ufo'; valid: .*panda"),
+        (changed2("workcell.robot", "ufo"), "there is no robot 'ufo'; valid: .*panda"),
         (changed2("workcell.robot", ...), "workcell: .*`robot`; add it"),
         (changed2("workcell.legs", 4), "workcell: .*`legs`; valid keys are robot, arms, table"),
         (
