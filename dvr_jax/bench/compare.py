@@ -51,6 +51,9 @@ class CompareOptions:
     """Interpreter of the other checkout; by default its .venv/bin/python, or else this interpreter."""
     rounds: int = 3
     """Runs of each."""
+    cache: Path | None = None
+    """Folder that keeps the compiled programs of both, so that a later comparison need not compile; by default a
+    temporary one."""
 
 
 @dataclass(frozen=True)
@@ -75,10 +78,11 @@ def run(arguments: list[str]) -> int:
     # In turn, so that a machine that slows down does so for both.
     before: list[Mapping[str, float]] = []
     after: list[Mapping[str, float]] = []
-    with tempfile.TemporaryDirectory() as caches:
+    with tempfile.TemporaryDirectory() as temporary:
+        caches = (options.cache or Path(temporary)).resolve()
         for number in range(1, options.rounds + 1):
-            before.append(measure(baseline, Path(caches) / "baseline"))
-            after.append(measure(this, Path(caches) / "this"))
+            before.append(measure(baseline, caches / "baseline"))
+            after.append(measure(this, caches / "this"))
             print(
                 f"  round {number} of {options.rounds} is done",
                 file=sys.stderr,
