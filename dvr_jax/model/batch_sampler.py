@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from dvr_jax.dataset.examples import Examples
-from dvr_jax.model.metadata import Kind
+from dvr_jax.model.kind import Kind
 
 
 @dataclass(frozen=True)

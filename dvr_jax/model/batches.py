@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int
 
 from dvr_jax.dataset.examples import Examples
 from dvr_jax.model.encoding import MIRRORED
-from dvr_jax.model.metadata import Kind
+from dvr_jax.model.kind import Kind
 from dvr_jax.model.scene_table import SceneTable
 
 VIEW_MULTIPLE = 12

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass, field
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 import jax
 import jax.numpy as jnp
@@ -16,14 +16,12 @@ from flax import traverse_util
 
 from dvr_jax.errors import DvrError
 from dvr_jax.model.encoding import input_signature
+from dvr_jax.model.kind import Kind
 from dvr_jax.model.network import NetworkParameters, ParameterTree, parameter_shapes
 from dvr_jax.model.network_config import NetworkConfig
 
 FORMAT = 2
 """Version of the files' format."""
-
-Kind = Literal["dvr", "classifier"]
-"""What a network predicts: whether an action is promising for the goal, or whether the sequence so far is feasible."""
 
 
 @dataclass(frozen=True)

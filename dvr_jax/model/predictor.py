@@ -28,7 +28,8 @@ from dvr_jax.logic import Grounding
 from dvr_jax.model.encoding import unfit_reason
 from dvr_jax.model.export import load_parameters
 from dvr_jax.model.images import SceneImages, scene_images
-from dvr_jax.model.metadata import Kind, NetworkMetadata
+from dvr_jax.model.kind import Kind
+from dvr_jax.model.metadata import NetworkMetadata
 from dvr_jax.model.network import NetworkParameters
 from dvr_jax.model.network_config import NetworkConfig
 from dvr_jax.model.scene_encoding import (

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dvr_jax.errors import DvrError
-from dvr_jax.model.metadata import Kind
+from dvr_jax.model.kind import Kind
 
 _AT_LEAST_ONE = (
     "steps",

@@ -13,7 +13,7 @@ from dvr_jax.dataset.examples import Examples
 from dvr_jax.logic import Action
 from dvr_jax.model.batches import assemble_batch
 from dvr_jax.model.greedy import greedy_sequences
-from dvr_jax.model.metadata import Kind
+from dvr_jax.model.kind import Kind
 from dvr_jax.model.metrics import average_precision
 from dvr_jax.model.network import NetworkParameters
 from dvr_jax.model.scene_table import SceneTable

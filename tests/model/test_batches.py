@@ -13,7 +13,7 @@ from dvr_jax.model.batch_sampler import BatchSampler, draw_mirrored
 from dvr_jax.model.batches import IMAGE_MULTIPLE, VIEW_MULTIPLE, assemble_batch
 from dvr_jax.model.encoding import MIRRORED, SYMBOLS, direction
 from dvr_jax.model.images import scene_images, stack_images
-from dvr_jax.model.metadata import Kind
+from dvr_jax.model.kind import Kind
 from dvr_jax.model.scene_table import build_scene_table
 from dvr_jax.model.training_data import check_examples, held_out_scenes
 from dvr_jax.scene.sampling import sample_scenes
