@@ -118,7 +118,11 @@ def _network(search: str, path: Path | None) -> Predictor | None:
 def _get_ready(options: ScenesOptions) -> None:
     """Compile or load everything before the first scene is timed."""
     network = _network(options.search, options.network)
-    warm_up(_scene(options, 0), options.k_max, network)
+
+    # Programs depend on the number of fixed bodies: one scene of each number.
+    scenes = [_scene(options, index) for index in range(options.number)]
+    for scene in {len(scene.fixed): scene for scene in scenes}.values():
+        warm_up(scene, options.k_max, network)
 
 
 def _plan_one(options: ScenesOptions, index: int) -> SceneResult:
