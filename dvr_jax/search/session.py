@@ -27,11 +27,6 @@ Progress = Callable[[str], None]
 """Function that is called with one line of text about the progress of a search."""
 
 
-EQUAL_VIOLATIONS = 1e-5
-"""Violations of keyframes that differ by less than about this count as equal [m]. Rounding in float32 makes differences
-of up to 1e-6 m, which shall not decide which path is tried first."""
-
-
 @dataclass(slots=True)
 class Outcome:
     """How a search ended."""
@@ -178,7 +173,7 @@ class SearchSession:
         self.progress(f"path of {actions}: {verdict}")
 
 
-def _least_violation(leaf: Node) -> int:
-    """Return the least sum of penetration depths among a leaf's keyframe candidates in units of `EQUAL_VIOLATIONS`."""
+def _least_violation(leaf: Node) -> float:
+    """Return the least sum of penetration depths among a leaf's keyframe candidates [m]."""
     assert leaf.beam is not None
-    return round(float(leaf.beam.violation.min()) / EQUAL_VIOLATIONS)
+    return float(leaf.beam.violation.min())
