@@ -34,6 +34,21 @@ from dvr_jax.workcell.model import WorkcellModel
 REFILL_FRACTION = 0.25
 """Ended lanes get new NLPs as soon as they make up this fraction of all lanes."""
 
+RESTARTED = (
+    "step",
+    "damping",
+    "value",
+    "report",
+    "updated_violation",
+    "best_violation",
+    "inner_iterations",
+    "updates_without_progress",
+    "iterations",
+    "restoration",
+    "status",
+)
+"""Fields of `SolverState` that change when a lane is restarted or ends at the limit of its restarts."""
+
 
 @dataclass(frozen=True, slots=True)
 class NlpSolution:
@@ -211,8 +226,9 @@ class LanePool:
             return ended
 
         samples = sample_penetration(self._model, self._on_device, self._states.x)
-        # JAX arrays cannot be changed in place, so the states are copied to NumPy arrays.
-        self._states = jax.tree.map(np.array, self._states)
+        # JAX arrays cannot be changed in place, so what a restart changes is copied to NumPy arrays. The Gauss-Newton
+        # systems, which are large, stay where they are.
+        self._states = _copy_to_host(self._states, RESTARTED)
         resumed = [index for index in unchecked if self._exchange(index, samples)]
         if resumed:
             moved = to_device((self._problems.sample_fraction, self._problems.sample_offset))
@@ -256,7 +272,7 @@ class LanePool:
 
     def _collect(self, ended: list[int]) -> None:
         """Store the solutions of lanes that have ended, and give the lanes new tasks or make them idle."""
-        final = jax.tree.map(np.asarray, self._states)
+        final = _copy_to_host(self._states, ("x", "report", "iterations", "status"))
         for index in ended:
             lane = self._lanes[index]
             assert lane.task is not None
@@ -281,6 +297,12 @@ class LanePool:
 def _as_array(value: float) -> np.ndarray:
     """Return a setting as an array: floats with 64 bits, integers with 32 bits."""
     return np.asarray(value, float if isinstance(value, float) else np.int32)
+
+
+def _copy_to_host(states: SolverState, names: Sequence[str]) -> SolverState:
+    """Return the states with the named fields as NumPy arrays that can be changed in place."""
+    copies = {name: jax.tree.map(np.array, getattr(states, name)) for name in names}
+    return states._replace(**copies)
 
 
 def _trial_points(states: SolverState) -> Variables:
