@@ -25,7 +25,8 @@ from dvr_jax.scene.types import Scene
 
 
 def ground(scene: Scene) -> Grounding:
-    return ground_actions([item.name for item in scene.objects], scene.goal.object)
+    names = [item.name for item in scene.objects]
+    return ground_actions(names, scene.goal.object, scene.workcell.arm_names)
 
 
 def sequences_of(examples: Examples, scene: int) -> dict[tuple[int, ...], bool]:
