@@ -4,7 +4,8 @@ from collections.abc import Sequence
 
 import jax
 import numpy as np
-from solver_cases import JOINTS, MODEL, SCENE, SKELETONS
+from nlp_cases import SCENE, SKELETONS
+from solver_cases import JOINTS, MODEL
 
 from dvr_jax.modes.mode import ModeKind
 from dvr_jax.nlp.transcription import transcribe

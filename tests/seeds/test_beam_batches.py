@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from solver_cases import JOINTS, MODEL, SCENE, SKELETONS
+from nlp_cases import SCENE, SKELETONS
+from solver_cases import JOINTS, MODEL
 
 from dvr_jax.modes.mode import ModeKind
 from dvr_jax.nlp.transcription import transcribe

@@ -3,7 +3,7 @@
 import jax
 import numpy as np
 import pytest
-from solver_cases import violations_of
+from nlp_cases import violations_of
 
 from dvr_jax.bench.problems import read_problems
 from dvr_jax.modes.mode import ModeKind

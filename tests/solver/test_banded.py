@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from solver_cases import written_out
+from nlp_cases import written_out
 
 from dvr_jax.nlp.system import BorderedSystem
 from dvr_jax.solver.banded import solve_bordered

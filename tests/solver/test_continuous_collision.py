@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from nlp_cases import SCENE, SKELETONS
 from scipy.interpolate import PchipInterpolator
-from solver_cases import JOINTS, SCENE, SKELETONS
+from solver_cases import JOINTS
 
 from dvr_jax.nlp.transcription import transcribe
 from dvr_jax.solver.continuous_collision import (

@@ -6,7 +6,8 @@ from typing import Any
 import jax
 import numpy as np
 import pytest
-from solver_cases import MODEL, SCENE, SKELETONS, random_keyframes, violations_of
+from nlp_cases import SCENE, SKELETONS, violations_of
+from solver_cases import MODEL, random_keyframes
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from dvr_jax.errors import DvrError
