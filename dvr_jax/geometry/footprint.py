@@ -93,6 +93,21 @@ def inside(inner: Footprint, outer: Rectangle) -> bool:
     return bool(np.all(np.abs(_to_local(inner.corners(), outer)) <= half))
 
 
+def covers(outer: Footprint, inner: Rectangle) -> bool:
+    """Whether a footprint covers a rectangle fully; touching the border counts as covered.
+
+    Args:
+        outer: The footprint.
+        inner: The rectangle.
+    """
+    if isinstance(outer, Rectangle):
+        return inside(inner, outer)
+
+    distances = np.linalg.norm(inner.corners() - np.asarray(outer.center), axis=1)
+
+    return bool(np.all(distances <= outer.radius + BORDER_TOLERANCE))
+
+
 def fits(inner: Footprint, sides: tuple[float, float]) -> bool:
     """Whether a footprint fits into a rectangle if both may be turned and shifted freely.
 

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from itertools import combinations
 
 from dvr_jax.errors import SceneError
-from dvr_jax.geometry.footprint import fits, inside, signed_distance
+from dvr_jax.geometry.footprint import covers, fits, inside, signed_distance
 from dvr_jax.goals import OnRegion
 from dvr_jax.scene.rules import (
     ANY_NUMBER,
@@ -218,10 +218,11 @@ def _validate_room(scene: Scene) -> None:
             f"{in_words(item.size)} m, however it is turned; make it larger."
         )
 
+    # A body over a part of the region leaves room beside it, so only the search can judge it.
     for body in scene.fixed:
-        overlap = -signed_distance(body.footprint, region.footprint)
-        if overlap > OVERLAP_TOLERANCE and body.bottom < item.height - OVERLAP_TOLERANCE:
+        too_low = body.bottom < item.height - OVERLAP_TOLERANCE
+        if too_low and covers(body.footprint, region.footprint):
             raise SceneError(
-                f"the fixed body {body.name!r} stands on the goal region, or hangs over it lower than {item.name!r} "
-                f"is high, {item.height:g} m; move one of the two."
+                f"the fixed body {body.name!r} stands on the whole goal region, or hangs over it lower than "
+                f"{item.name!r} is high, {item.height:g} m; move one of the two."
             )

@@ -13,6 +13,7 @@ from dvr_jax.geometry.footprint import (
     Footprint,
     Rectangle,
     contains_point,
+    covers,
     fits,
     inside,
     signed_distance,
@@ -100,3 +101,26 @@ def test_a_circle_fits_by_its_diameter() -> None:
     assert fits(Circle((0.0, 0.0), 0.1), (0.3, 0.2)) and not fits(
         Circle((0.0, 0.0), 0.11), (0.2, 0.3)
     )
+
+
+@settings(max_examples=200, deadline=None)
+@given(rectangles | circles, rectangles, st.integers(0, 2**32 - 1))
+def test_a_footprint_covers_what_has_no_point_outside(
+    outer: Footprint, inner: Rectangle, seed: int
+) -> None:
+    """A disc and a rectangle are convex, so points of the inner one's border decide."""
+    corners = inner.corners()
+    weights = np.random.default_rng(seed).dirichlet(np.full(4, 0.2), size=400)
+    points = np.concatenate([corners, weights @ corners])
+    distances = [signed_distance(Circle((x, y), 0.0), outer) for x, y in points]
+    if max(distances) > 1e-6:
+        assert not covers(outer, inner)
+    elif max(distances[:4]) < -1e-6:
+        assert covers(outer, inner)
+
+
+def test_the_border_is_covered() -> None:
+    square = Rectangle((0.1, 0.2), (0.05, 0.05), 0.4)
+    assert covers(square, square)
+    assert covers(Circle((0.1, 0.2), 0.05 * math.sqrt(2)), square)
+    assert not covers(Circle((0.1, 0.2), 0.05 * math.sqrt(2) - 1e-6), square)

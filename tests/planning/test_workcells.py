@@ -1,5 +1,6 @@
 """Scenes of every workcell, and scenes with fixed bodies, are planned by multi-bound search and checked."""
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -10,6 +11,7 @@ from dvr_jax.planning.result import Plan
 from dvr_jax.scene.sampling import SceneDistribution, scene_of_seed
 from dvr_jax.scene.types import FixedBody, OnRegion, Region, Scene, SceneObject
 from dvr_jax.scene.validation import validate_scene
+from dvr_jax.search.status import PlanStatus
 from dvr_jax.workcell.workcell import DEFAULT_WORKCELL, WORKCELLS
 
 FAST = ("facing-1.0", "single")
@@ -73,10 +75,19 @@ def test_an_arm_takes_a_box_from_below_a_shelf_board() -> None:
     require_checked(plan(scene, "mbts", k_max=2))
 
 
-def test_a_region_below_a_low_board_exhausts_the_tree() -> None:
-    """The board leaves 6 cm above the region; the box is 10 cm high."""
+def test_a_board_low_over_the_region_is_avoided_or_exhausts_the_tree() -> None:
+    """The board leaves 6 cm above a part of the region; the box is 5 cm wide, 10 cm long and 10 cm high."""
     x, y = OPEN.goal.region.position
-    board = FixedBody("low board", "box", (0.30, 0.30, 0.03), (x, y, 0.075), OPEN.goal.region.yaw)
-    closed = replace(OPEN, fixed=(board,))
-    validate_scene(closed)
-    assert plan(closed, "mbts", k_max=2).status == "tree exhausted"
+    yaw = OPEN.goal.region.yaw
+
+    def with_board(uncovered: float) -> Scene:
+        """The scene with a board that leaves a strip of so many meters along one side of the region."""
+        shift = 0.15 - 0.08 + uncovered
+        position = (x - shift * math.sin(yaw), y + shift * math.cos(yaw), 0.075)
+        board = FixedBody("low board", "box", (0.30, 0.30, 0.03), position, yaw)
+        scene = replace(OPEN, fixed=(board,))
+        validate_scene(scene)
+        return scene
+
+    require_checked(plan(with_board(0.10), "mbts", k_max=2))
+    assert plan(with_board(0.03), "mbts", k_max=2).status is PlanStatus.EXHAUSTED

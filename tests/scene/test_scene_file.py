@@ -458,8 +458,8 @@ NAME_OF_101 = "n" * 101
             "'can' and the fixed body 'wall' overlap by 0.01 m",
         ),
         (
-            changed2("fixed.1.position", [0.3, 0.3, 0.15]),
-            "fixed body 'post' stands on the goal region",
+            changed2("fixed.1", SECOND["fixed"][1] | {"size": [0.17, 0.2], "position": [0.3, 0.2, 0.15]}),
+            "fixed body 'post' stands on the whole goal region",
         ),
         (
             changed2("fixed.0.position", [-0.6, 0.0, 0.15]),
@@ -487,6 +487,7 @@ def test_refuses_of_version_2(text: str, message: str) -> None:
             [0.2, 0.1, 0.45],
         ),  # hangs over an object that is 0.12 m high, and over the region
         ("fixed.0.position", [-0.6, 0.0, 0.56]),  # hangs over a base
+        ("fixed.1.position", [0.3, 0.3, 0.15]),  # hangs low over a part of the region
         ("fixed.0.position", [0.0, 0.65, 0.15]),  # reaches over the table's border
         ("fixed.1.position", [0.0, 0.6, 0.5]),  # stands in another fixed body
         ("fixed.1.name", "west"),  # an arm's name

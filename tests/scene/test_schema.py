@@ -75,7 +75,7 @@ GEOMETRY = (
     "cannot hold",
     "valid is -",  # beyond a joint limit
     "begins",
-    "stands on the goal region",
+    "stands on the whole goal region",
     "the scene has",  # not the goal's object
     "are called",
     "apart",
