@@ -25,7 +25,7 @@ from dvr_jax.nlp.slices import reduce_slices
 from dvr_jax.nlp.transcription import transcribe
 from dvr_jax.operators import OPERATORS, operator_of
 from dvr_jax.runtime.batch_sizes import batch_sizes
-from dvr_jax.runtime.compilation import Program
+from dvr_jax.runtime.compilation import Program, to_device
 from dvr_jax.scene.sampling import sample_scenes
 from dvr_jax.search.node import Node
 from dvr_jax.search.tree import SequenceTree
@@ -104,7 +104,7 @@ def time_slices(number_of_objects: int, repeats: int) -> SliceTimes:
         Action("place", (arm, name, "goal")),
     ]
     problem = transcribe(scene, actions)
-    model = workcell_model(scene.workcell)
+    model = to_device(workcell_model(scene.workcell))
 
     # As many lanes of two slices each as fill one chunk, the unit that the solver measures at once.
     chunk_size = batch_sizes().chunk

@@ -12,12 +12,9 @@ import jax.numpy as jnp
 from jaxtyping import Float, Int
 
 from dvr_jax.geometry.arrays import Array
-from dvr_jax.geometry.vectors import rotation_about_z
 from dvr_jax.modes.mode import Attachment
-from dvr_jax.nlp.collision_distances import Bodies
 from dvr_jax.nlp.problem import Problem, Variables
 from dvr_jax.nlp.slices import Slices
-from dvr_jax.workcell.kinematics import BasePoses
 
 
 def lay_out(problems: Problem, x: Variables) -> Slices:
@@ -39,17 +36,18 @@ def lay_out(problems: Problem, x: Variables) -> Slices:
     )
     q = sample_path(problems, x.q).reshape(B * samples, arms, -1)
 
+    # Axes first, then components, as everywhere in vectorized code.
+    axes = jnp.asarray(problems.base_rotation).transpose(3, 2, 1, 0)
+    origins = jnp.asarray(problems.base_position).transpose(2, 1, 0)
+    prism = jnp.concatenate([problems.prism, problems.fixed_prism], axis=1)
+
     return Slices(
         q=jnp.moveaxis(q, (0, 1, 2), (2, 1, 0)),
         finger_opening=_finger_openings(problems, samples, M),
-        bases=BasePoses(
-            # Columns first, then components, as everywhere in vectorized code.
-            rotation=_repeat(jnp.asarray(problems.base_rotation).transpose(3, 2, 1, 0), samples),
-            position=_repeat(jnp.asarray(problems.base_position).transpose(2, 1, 0), samples),
-        ),
+        base_poses=_repeat(jnp.concatenate([axes, origins[None]]), samples),
         attached=jax.tree.map(lambda value: _phases_to_slices(value, samples), attached),
-        prism=_repeat(jnp.asarray(problems.prism).transpose(2, 1, 0), samples),
-        fixed=_fixed_bodies(problems, samples),
+        prism=_repeat(prism.transpose(2, 1, 0), samples),
+        fixed_pose=_repeat(jnp.asarray(problems.fixed_pose).transpose(2, 1, 0), samples),
     )
 
 
@@ -143,11 +141,3 @@ def _finger_openings(problems: Problem, samples: int, M: int) -> Float[Array, "a
         is_switch[None, :, :, None], jnp.maximum(before, after)[:, :, None], before[:, :, None]
     )
     return opening.reshape(B * samples, arms).T
-
-
-def _fixed_bodies(problems: Problem, samples: int) -> Bodies:
-    """Poses and shapes of the fixed bodies in every slice."""
-    pose = jnp.asarray(problems.fixed_pose).transpose(2, 1, 0)
-    rotation = rotation_about_z(jnp.cos(pose[3]), jnp.sin(pose[3]))
-    prism = jnp.asarray(problems.fixed_prism).transpose(2, 1, 0)
-    return Bodies(_repeat(rotation, samples), _repeat(pose[:3], samples), _repeat(prism, samples))

@@ -24,7 +24,7 @@ import jax.numpy as jnp
 from jaxtyping import Float, Int
 
 from dvr_jax.geometry.arrays import Array
-from dvr_jax.geometry.vectors import materialize
+from dvr_jax.geometry.vectors import materialize, rotation_about_z
 from dvr_jax.modes.mode import PARAMETERS, Attachment, HandPoses
 from dvr_jax.modes.poses import object_poses
 from dvr_jax.nlp.collision_distances import Bodies, Contacts, measure_contacts, row_wrenches
@@ -54,17 +54,18 @@ class Slices(NamedTuple):
     finger_opening: Float[Array, "arms slices"]
     """Distance of each finger from its hand's middle plane [m]."""
 
-    bases: BasePoses
-    """Poses of the arms' bases."""
+    base_poses: Float[Array, "4 3 arms slices"]
+    """Poses of the arms' bases: the three axes of each, then its origin [m]. Each array that a program takes or returns
+    costs some microseconds, so that both are in one."""
 
     attached: Attachment
     """How each object is attached, with the batch axes (N, L)."""
 
-    prism: Float[Array, "4 objects slices"]
-    """Shapes of the objects as prisms (hx, hy, hz, r) [m]."""
+    prism: Float[Array, "4 bodies slices"]
+    """Shapes of the objects, then of the fixed bodies, as prisms (hx, hy, hz, r) [m]."""
 
-    fixed: Bodies
-    """Poses and shapes of the fixed bodies."""
+    fixed_pose: Float[Array, "4 fixed slices"]
+    """Poses of the fixed bodies: x, y, z of the center [m] and yaw [rad]."""
 
 
 class SliceGeometry(NamedTuple):
@@ -108,7 +109,8 @@ def measure(model: WorkcellModel, slices: Slices) -> SliceGeometry:
     """
     L = slices.q.shape[-1]
     # Arms: link poses, the capsules that enclose the links, gripper poses, and the twists of the joints.
-    links = link_poses(model, slices.bases, slices.q)
+    bases = BasePoses(slices.base_poses[:3], slices.base_poses[3])
+    links = link_poses(model, bases, slices.q)
     starts, ends = materialize(capsule_segments(model, links, slices.finger_opening))
     hands = HandPoses(*materialize(hand_pose(model, links)))
     screws = materialize(joint_screws(links)).reshape(6, -1, L)
@@ -133,13 +135,15 @@ def measure(model: WorkcellModel, slices: Slices) -> SliceGeometry:
 
 def _all_bodies(slices: Slices, rotation: Array, position: Array) -> Bodies:
     """Concatenate objects and fixed bodies, the objects first."""
-    fixed = slices.fixed
-    if fixed.position.shape[1] == 0:
+    pose = slices.fixed_pose
+    if pose.shape[1] == 0:
         return Bodies(rotation, position, slices.prism)
+
+    fixed_rotation = rotation_about_z(*materialize((jnp.cos(pose[3]), jnp.sin(pose[3]))))
     return Bodies(
-        jnp.concatenate([rotation, fixed.rotation], axis=2),
-        jnp.concatenate([position, fixed.position], axis=1),
-        jnp.concatenate([slices.prism, fixed.prism], axis=1),
+        jnp.concatenate([rotation, fixed_rotation], axis=2),
+        jnp.concatenate([position, pose[:3]], axis=1),
+        slices.prism,
     )
 
 

@@ -103,7 +103,7 @@ class Program(Generic[_P, _R]):
         if any(issubclass(kind, jax.core.Tracer) for kind in set(map(type, leaves))):
             return self._function(*args)  # type: ignore[call-arg]
 
-        key = (jax.config.values["jax_enable_x64"], tree, *map(_SHAPE_AND_TYPE, leaves))
+        key = (jax.config.read("jax_enable_x64"), tree, *map(_SHAPE_AND_TYPE, leaves))
         compiled = self._compiled.get(key)
         if compiled is None:
             compiled = self._get_ready(key, args)
@@ -155,6 +155,19 @@ class Program(Generic[_P, _R]):
 
         digest = hashlib.sha256(text.encode()).hexdigest()
         return cache / _environment_folder() / f"{name}-{digest[:32]}.executable"
+
+
+def _identity(tree: Any) -> Any:
+    """Return a pytree unchanged."""
+    return tree
+
+
+to_device: Callable[[Any], Any] = Program(_identity)
+"""Convert a pytree of NumPy arrays to JAX arrays.
+
+As a compiled program this takes a third of the time of `jax.device_put`. What is passed to many programs is worth
+converting once: ten NumPy arrays among the arguments of a program cost more than a tenth of a millisecond at each call.
+"""
 
 
 def _load_executable(path: Path) -> Callable[..., Any] | None:

@@ -19,6 +19,7 @@ from dvr_jax.modes.mode import ModeKind
 from dvr_jax.nlp.problem import Problem, number_of_phases
 from dvr_jax.operators.proposal import BeamStep, Proposal
 from dvr_jax.runtime.batch_sizes import batch_sizes
+from dvr_jax.runtime.compilation import to_device
 from dvr_jax.seeds.keyframe_beam import KeyframeBeam, extend_beam, random_shape
 from dvr_jax.solver.lane_pool import NlpSolution
 from dvr_jax.workcell.model import WorkcellModel
@@ -69,6 +70,9 @@ def extend_beams(
         lanes: The tasks' `lane_counts`.
         seed: Of the sample.
     """
+    # The model goes to every program of an extension, so it is converted once.
+    model = to_device(model)
+
     groups: dict[tuple[tuple[Proposal, int], int], list[int]] = {}
     for index, (task, count) in enumerate(zip(tasks, lanes, strict=True)):
         groups.setdefault((_program_key(task), count), []).append(index)

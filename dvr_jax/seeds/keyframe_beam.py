@@ -36,11 +36,9 @@ from dvr_jax.geometry.vectors import (
     compose,
     materialize,
     rotate_back,
-    rotation_about_z,
     transpose,
 )
 from dvr_jax.modes.mode import PARAMETERS, Attachment, ModeKind
-from dvr_jax.nlp.collision_distances import Bodies
 from dvr_jax.nlp.problem import Problem
 from dvr_jax.nlp.slices import Slices, measure
 from dvr_jax.operators.grasp import LARGEST_GRASP
@@ -53,7 +51,6 @@ from dvr_jax.operators.proposal import (
     of_arm,
 )
 from dvr_jax.runtime.compilation import Program
-from dvr_jax.workcell.kinematics import BasePoses
 from dvr_jax.workcell.model import WorkcellModel
 
 BEAM_WIDTH = 16
@@ -373,21 +370,18 @@ def _penetration(
         initial_pose=jnp.swapaxes(each(step.initial_pose), 0, 1),
         half_height=each(step.prism[..., 2]),
     )
-    fixed = jnp.swapaxes(each(step.fixed_pose), 0, 1)
+    prism = jnp.concatenate([step.prism, step.fixed_prism], axis=1)
+    axes = step.base_rotation.transpose(0, 3, 2, 1)
+    origins = step.base_position.transpose(0, 2, 1)
+    base_poses = jnp.concatenate([axes, origins[:, None]], axis=1)
+
     slices = Slices(
         q=candidates.q.reshape(M * E, arms, -1).transpose(2, 1, 0),
         finger_opening=each(step.finger_opening),
-        bases=BasePoses(
-            rotation=each(step.base_rotation.transpose(0, 3, 2, 1)),
-            position=each(step.base_position.transpose(0, 2, 1)),
-        ),
+        base_poses=each(base_poses),
         attached=attached,
-        prism=jnp.swapaxes(each(step.prism), 0, 1),
-        fixed=Bodies(
-            rotation_about_z(jnp.cos(fixed[3]), jnp.sin(fixed[3])),
-            fixed[:3],
-            jnp.swapaxes(each(step.fixed_prism), 0, 1),
-        ),
+        prism=jnp.swapaxes(each(prism), 0, 1),
+        fixed_pose=jnp.swapaxes(each(step.fixed_pose), 0, 1),
     )
     distance = measure(model, materialize(slices)).distance
     return jnp.maximum(-distance, 0).sum(1).reshape(M, E)

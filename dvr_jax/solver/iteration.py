@@ -169,16 +169,6 @@ lay_out_chunks = Program(_lay_out_chunks)
 """Compiled program that returns the slices of the points x of all problems, cut into chunks."""
 
 
-def _identity(tree: Any) -> Any:
-    """Return a pytree unchanged."""
-    return tree
-
-
-to_device: Callable[[Any], Any] = Program(_identity)
-"""Convert a pytree of NumPy arrays to JAX arrays; as a compiled program this takes a third of the time of
-`jax.device_put`."""
-
-
 def _joined(chunks: Sequence[Array], length: int, axis: int) -> Array:
     """Concatenate chunks along an axis, and remove the padding behind the given length."""
     return jax.lax.slice_in_dim(jnp.concatenate(chunks, axis=axis), 0, length, axis=axis)
@@ -387,5 +377,4 @@ __all__ = [
     "lay_out_chunks",
     "measure_chunk",
     "step",
-    "to_device",
 ]

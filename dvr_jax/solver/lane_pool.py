@@ -19,6 +19,7 @@ from dvr_jax.errors import DvrError
 from dvr_jax.nlp.evaluation import relative_violation
 from dvr_jax.nlp.problem import Problem, Variables
 from dvr_jax.runtime.batch_sizes import batch_sizes
+from dvr_jax.runtime.compilation import to_device
 from dvr_jax.runtime.threads import linear_algebra_on_one_thread
 from dvr_jax.solver.augmented_lagrangian import Settings, SolverState, SolverStatus
 from dvr_jax.solver.continuous_collision import (
@@ -28,7 +29,7 @@ from dvr_jax.solver.continuous_collision import (
     exchange_samples,
     sample_penetration,
 )
-from dvr_jax.solver.iteration import initial_states, iterate, lay_out_chunks, to_device
+from dvr_jax.solver.iteration import initial_states, iterate, lay_out_chunks
 from dvr_jax.workcell.model import WorkcellModel
 
 REFILL_FRACTION = 0.25
@@ -134,7 +135,7 @@ def solve(
     """
     if not problems:
         return []
-    if not jax.config.values["jax_enable_x64"]:
+    if not jax.config.read("jax_enable_x64"):
         raise DvrError("the solver needs 64-bit numbers; call it under jax.enable_x64(True).")
     tasks = [NlpTask(problem, start) for problem, start in zip(problems, starts, strict=True)]
     return LanePool(model, tasks, settings).run()
@@ -160,7 +161,6 @@ class LanePool:
         K = len(tasks[0].start.m)
         is_path = T > K
         number = batch_sizes().path_lanes if is_path else max(batch_sizes().chunk // K, 1)
-        self._model = model
         self._tasks = tasks
         self._checks_motion = is_path and tasks[0].problem.sample_fraction.shape[1] > 1
         self._settings = jax.tree.map(_as_array, settings)
@@ -180,7 +180,9 @@ class LanePool:
         self._states.status[:] = np.where(
             idle, int(SolverStatus.FEASIBLE), int(SolverStatus.RUNNING)
         )
-        self._on_device, self._settings = to_device((self._problems, self._settings))
+        self._model, self._on_device, self._settings = to_device(
+            (model, self._problems, self._settings)
+        )
         self._chunks = lay_out_chunks(self._on_device, self._states.x)
 
     def run(self) -> list[NlpSolution]:

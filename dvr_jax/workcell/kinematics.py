@@ -18,7 +18,15 @@ import jax.numpy as jnp
 from jaxtyping import Float
 
 from dvr_jax.geometry.arrays import Array
-from dvr_jax.geometry.vectors import Rotation, Vector, compose, cross, materialize, rotate
+from dvr_jax.geometry.vectors import (
+    Rotation,
+    Vector,
+    compose,
+    cross,
+    materialize,
+    rotate,
+    transform_point,
+)
 from dvr_jax.workcell.model import WorkcellModel
 
 
@@ -62,10 +70,14 @@ def link_poses(
     rotations = [R]
     positions = [p]
     turns = materialize(_joint_rotations(model, q))
-    offsets = jnp.asarray(model.link_offsets, q.dtype)[..., None, None]
+    offsets = jnp.asarray(model.link_offsets, q.dtype)
 
-    for i in range(len(q)):
-        R, p = materialize((compose(R, turns[i]), p + rotate(R, offsets[i])))
+    for i, axes in enumerate(model.structure.offset_axes):
+        # The last axis comes first, because the order decides how the sum is rounded, and which of two equally good
+        # plans is found can depend on it.
+        products = [R[axis] * offsets[i, axis] for axis in reversed(axes)]
+        origin = p + sum(products[1:], products[0]) if products else p
+        R, p = materialize((compose(R, turns[i]), origin))
         rotations.append(R)
         positions.append(p)
 
@@ -121,7 +133,7 @@ def hand_pose(model: WorkcellModel, links: LinkPoses) -> tuple[Rotation, Vector]
     hand = jnp.asarray(model.hand_rotation, R.dtype)
     axes = [rotate(R, hand[:, j, None, None]) for j in range(3)]
     center = jnp.asarray(model.gripper_center, R.dtype)[:, None, None]
-    return jnp.stack(axes), links.positions[-1] + rotate(R, center)
+    return jnp.stack(axes), transform_point(R, links.positions[-1], center)
 
 
 def capsule_segments(

@@ -30,6 +30,10 @@ class WorkcellStructure:
     joints: int
     """Number J of joints of one arm."""
 
+    offset_axes: tuple[tuple[int, ...], ...]
+    """Axes along which the origin of link frame i + 1 is displaced from link frame i; the offsets along the others are
+    zero, and their products are left out of the forward kinematics."""
+
     capsule_links: tuple[int, ...]
     """Link of each of the C capsules of an arm."""
 
@@ -116,6 +120,7 @@ def _model_of(
     structure = WorkcellStructure(
         number_of_arms=number_of_arms,
         joints=robot.number_of_joints,
+        offset_axes=tuple(tuple(np.flatnonzero(row).tolist()) for row in robot.link_offsets),
         capsule_links=capsules.links,
         holding_capsules=robot.holding_capsules,
         table_capsules=robot.table_capsules,

@@ -134,7 +134,10 @@ def cross_arm_pairs(workcell: Workcell) -> tuple[tuple[int, int, Rectangle], ...
 
 
 def _reachable_pairs(reach: Float[np.ndarray, " capsules"], distance: float) -> list[Rectangle]:
-    """Rectangles of capsule pairs (i, j) with ``reach[i] + reach[j] >= distance``, for an increasing reach."""
+    """Rectangles of capsule pairs (i, j) with ``reach[i] + reach[j] >= distance``, for an increasing reach.
+
+    The rectangle of the first arm's hand comes first.
+    """
     number = len(reach)
     nearest = [int(np.searchsorted(reach, distance - own)) for own in reach]
     rectangles: list[Rectangle] = []
@@ -144,7 +147,7 @@ def _reachable_pairs(reach: Float[np.ndarray, " capsules"], distance: float) -> 
             if nearest[first] < number:
                 rectangles.append(((first, i), (nearest[first], number)))
             first = i
-    return rectangles
+    return rectangles[::-1]
 
 
 def facing_workcell(distance: float) -> Workcell:

@@ -458,7 +458,9 @@ NAME_OF_101 = "n" * 101
             "'can' and the fixed body 'wall' overlap by 0.01 m",
         ),
         (
-            changed2("fixed.1", SECOND["fixed"][1] | {"size": [0.17, 0.2], "position": [0.3, 0.2, 0.15]}),
+            changed2(
+                "fixed.1", SECOND["fixed"][1] | {"size": [0.17, 0.2], "position": [0.3, 0.2, 0.15]}
+            ),
             "fixed body 'post' stands on the whole goal region",
         ),
         (

@@ -5,11 +5,9 @@ import numpy as np
 import pytest
 
 from dvr_jax.modes.mode import Attachment
-from dvr_jax.nlp.collision_distances import Bodies
 from dvr_jax.nlp.slices import Slices
 from dvr_jax.runtime.batch_sizes import CPU
 from dvr_jax.solver.iteration import cut_into_chunks
-from dvr_jax.workcell.kinematics import BasePoses
 
 
 @pytest.mark.parametrize("number", [1, 60, 61, 150, 180, 181, 210, 430])
@@ -23,10 +21,10 @@ def test_chunks_hold_all_slices_in_their_order(number: int) -> None:
     slices = Slices(
         q=of_shape(7, 2),
         finger_opening=of_shape(2),
-        bases=BasePoses(of_shape(3, 3, 2), of_shape(3, 2)),
+        base_poses=of_shape(4, 3, 2),
         attached=Attachment(count, count, of_shape(4, 3), of_shape(3), of_shape(4, 3), of_shape(3)),
-        prism=of_shape(4, 3),
-        fixed=Bodies(of_shape(3, 3, 1), of_shape(3, 1), of_shape(4, 1)),
+        prism=of_shape(4, 4),
+        fixed_pose=of_shape(4, 1),
     )
     chunks = cut_into_chunks(slices)
     sizes = {leaf.shape[-1] for leaf in jax.tree.leaves(chunks)}

@@ -51,11 +51,12 @@ class _Lengths(NamedTuple):
     hand_sine: Array
     """Turn of the hand about the axis of link 7."""
 
-    side_upper: Array
-    """Distance from the shoulder to the elbow's joint [m]."""
+    sum_of_squares: Array
+    """a^2 + b^2 for the known sides of the triangle: a from the shoulder to the elbow's joint, and b from there to the
+    wrist [m^2]."""
 
-    side_forearm: Array
-    """Distance from the elbow's joint to the wrist's [m]."""
+    double_product: Array
+    """2 a b [m^2]."""
 
     cosine_at_zero: Array
     sine_at_zero: Array
@@ -141,6 +142,8 @@ def _lengths(model: WorkcellModel, dtype: jnp.dtype) -> _Lengths:
     elbow = offsets[3, 0]
     forearm = offsets[4, 1]
     hand = jnp.asarray(model.hand_rotation)
+    side_upper = jnp.hypot(upper, elbow)
+    side_forearm = jnp.hypot(forearm, elbow)
     angle_at_zero = jnp.arctan2(forearm, -elbow) - jnp.arctan2(-upper, -elbow)
     values = _Lengths(
         shoulder_height=offsets[0, 2],
@@ -151,8 +154,8 @@ def _lengths(model: WorkcellModel, dtype: jnp.dtype) -> _Lengths:
         reach=jnp.asarray(model.gripper_center)[2],
         hand_cosine=hand[0, 0],
         hand_sine=hand[0, 1],
-        side_upper=jnp.hypot(upper, elbow),
-        side_forearm=jnp.hypot(forearm, elbow),
+        sum_of_squares=side_upper**2 + side_forearm**2,
+        double_product=2 * side_upper * side_forearm,
         cosine_at_zero=jnp.cos(angle_at_zero),
         sine_at_zero=jnp.sin(angle_at_zero),
     )
@@ -176,8 +179,7 @@ def _place_wrist(lengths: _Lengths, R: Rotation, p: Vector, q7: Array) -> _Wrist
 def _close_triangle(lengths: _Lengths, to_shoulder: Vector) -> _Triangle:
     """Law of cosines at the elbow."""
     distance = jnp.sqrt(dot(to_shoulder, to_shoulder))
-    squares = lengths.side_upper**2 + lengths.side_forearm**2 - distance**2
-    cosine = squares / (2 * lengths.side_upper * lengths.side_forearm)
+    cosine = (lengths.sum_of_squares - distance**2) / lengths.double_product
     gap = jnp.maximum(jnp.abs(cosine) - 1, 0)
 
     # Sines and cosines come from those of parts of an angle, not from the angle: q4 = arccos(cosine) - a constant.
