@@ -26,6 +26,7 @@ PACKAGES = (
     "scene",
     "motion",
     "checker",
+    "execution",
     "modes",
     "operators",
     "nlp",
@@ -52,6 +53,7 @@ TESTS = Path(__file__).parent
 
 SHIMS = {
     "plan.py": "python -m dvr_jax.plan",
+    "execute.py": "python -m dvr_jax.execute",
     "sample.py": "python -m dvr_jax.sample",
     "sweep.py": "python -m dvr_jax.sweep",
     "train.py": "python -m dvr_jax.train",

@@ -16,6 +16,9 @@ from dvr_jax.errors import DvrError
 RESULTS = Path("bench/results")
 """Folder of the results in the repository."""
 
+EXECUTIONS = "execution"
+"""Folder of the results of `bench execute`, below `RESULTS`."""
+
 
 class MissingResultsError(DvrError):
     """A figure needs a file of results that the repository does not have."""
@@ -117,6 +120,20 @@ class CommittedResults:
         if not of_scenes:
             raise MissingResultsError(RESULTS / "*_seed1.jsonl")
         return of_scenes
+
+    def executions(self) -> list[RowsFile]:
+        """Read all results of `bench execute`, which lie in the folder `EXECUTIONS`.
+
+        Raises:
+            MissingResultsError: There are none.
+        """
+        names = sorted(
+            f"{EXECUTIONS}/{path.name}"
+            for path in (self.repository / RESULTS / EXECUTIONS).glob("*.jsonl")
+        )
+        if not names:
+            raise MissingResultsError(RESULTS / EXECUTIONS)
+        return [self.rows(name) for name in names]
 
     def metrics(self, benchmark: str) -> MetricsFile:
         """Read the metrics that a benchmark wrote.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from dvr_jax.bench import scene_figures, search_figures, solver_figures
+from dvr_jax.bench import execution_figures, scene_figures, search_figures, solver_figures
 from dvr_jax.bench.committed import CommittedResults
 
 Figure = Callable[[CommittedResults], str]
@@ -19,6 +19,8 @@ FIGURES: Mapping[str, Figure] = {
     "search-scenes": search_figures.search_scenes,
     "search-version": search_figures.search_version,
     "scenes": scene_figures.scenes,
+    "execution": execution_figures.execution,
+    "execution-causes": execution_figures.causes,
     "speed": solver_figures.speed,
     "recall": solver_figures.recall,
     "labels": solver_figures.labels,

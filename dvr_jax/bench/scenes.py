@@ -24,6 +24,7 @@ from dvr_jax.bench.scene_result import SceneResult, group_by_length
 from dvr_jax.errors import DvrError
 from dvr_jax.model.predictor import SHIPPED, Predictor, load_network
 from dvr_jax.planning.planner import plan
+from dvr_jax.planning.result import Plan
 from dvr_jax.runtime.processes import worker_processes
 from dvr_jax.scene.distribution import validate_request
 from dvr_jax.scene.sampling import (
@@ -115,7 +116,7 @@ def _network(search: str, path: Path | None) -> Predictor | None:
     return load_network(search, path) if search in GUIDED else None
 
 
-def _get_ready(options: ScenesOptions) -> None:
+def prepare_worker(options: ScenesOptions) -> None:
     """Compile or load everything before the first scene is timed."""
     network = _network(options.search, options.network)
 
@@ -125,8 +126,14 @@ def _get_ready(options: ScenesOptions) -> None:
         warm_up(scene, options.k_max, network)
 
 
-def _plan_one(options: ScenesOptions, index: int) -> SceneResult:
-    result = plan(
+def plan_scene(options: ScenesOptions, index: int) -> Plan:
+    """Plan one of the scenes.
+
+    Args:
+        options: The scenes, and how they are planned.
+        index: Number of the scene.
+    """
+    return plan(
         _scene(options, index),
         options.search,
         options.k_max,
@@ -134,6 +141,10 @@ def _plan_one(options: ScenesOptions, index: int) -> SceneResult:
         time_limit=options.time_limit,
         network=_network(options.search, options.network),
     )
+
+
+def _plan_one(options: ScenesOptions, index: int) -> SceneResult:
+    result = plan_scene(options, index)
     return SceneResult(
         scene=index,
         status=result.status,
@@ -147,7 +158,7 @@ def _plan_one(options: ScenesOptions, index: int) -> SceneResult:
     )
 
 
-def _header(options: ScenesOptions) -> dict[str, object]:
+def header_options(options: ScenesOptions) -> dict[str, object]:
     """Name what results must agree in to stand in one file."""
     chosen = asdict(options)
     for name in ("number", "workers", "out"):
@@ -177,7 +188,7 @@ def plan_scenes(options: ScenesOptions) -> Iterator[SceneResult]:
     # The network is loaded here once, so that a bad file is refused before any worker starts.
     _network(options.search, options.network)
 
-    results_file = ResultsFile(options.out, _header(options))
+    results_file = ResultsFile(options.out, header_options(options))
     todo = results_file.missing(options.number)
     for index, row in results_file.rows.items():
         if index < options.number:
@@ -185,7 +196,7 @@ def plan_scenes(options: ScenesOptions) -> Iterator[SceneResult]:
     if not todo:
         return
 
-    with worker_processes(options.workers, _get_ready, options) as pool:
+    with worker_processes(options.workers, prepare_worker, options) as pool:
         futures = [pool.submit(_plan_one, options, index) for index in todo]
         for future in as_completed(futures):
             row = future.result().to_row()

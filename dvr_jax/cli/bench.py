@@ -30,6 +30,10 @@ BENCHMARKS: dict[str, Benchmark] = {
     "scenes": Benchmark(
         "scenes", "plan sampled scenes by one search: solved share, lengths, times"
     ),
+    "execute": Benchmark(
+        "execute",
+        "plan sampled scenes and execute the plans in physics: successes, causes of failure",
+    ),
     "search": Benchmark(
         "search", "plan the same scenes by several searches: the paper's main figures"
     ),

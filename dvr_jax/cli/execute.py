@@ -1,0 +1,154 @@
+"""Command line `python -m dvr_jax.execute PLAN_FOLDER`: execute a plan in physics, open loop."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from dvr_jax.cli.options import parse_options
+from dvr_jax.errors import DataError, OptionError, run_command
+
+if TYPE_CHECKING:
+    from dvr_jax.execution import Execution, ExecutionReport
+    from dvr_jax.execution.repetition import ConditionRange
+    from dvr_jax.planning.result import Plan
+
+EXIT_SUCCEEDED = 0
+"""Exit code for an execution at whose end the goal holds."""
+
+EXIT_FAILED = 1
+"""Exit code for an execution at whose end the goal does not hold."""
+
+MILLIMETERS = 1e3
+"""Millimeters in a meter."""
+
+
+@dataclass(frozen=True)
+class ExecuteOptions:
+    """Execute a plan in a physics simulation (MuJoCo), open loop, and say what became of it.
+
+    Exit code 0: the goal holds at the end; 1: it does not, or not in every repetition; 2: bad input.
+    """
+
+    plan: Annotated[Path, tyro.conf.Positional]
+    """Folder that a plan was saved to."""
+    out: Path | None = None
+    """GIF file to write the animation of the execution to; by default PLAN/execution.gif."""
+    animation: bool = True
+    """Whether to write the animation."""
+    repeat: int = 1
+    """Number of executions. With more than one, there is no animation."""
+    object_noise: float = 0.0
+    """Standard deviation of the initial displacement of each object along x and along y [mm]."""
+    friction: tuple[float, float] = (1.0, 1.0)
+    """Least and largest coefficient of friction, from which each execution draws its own."""
+    seed: int = 0
+    """Seed of displacements and friction."""
+    workers: int = os.cpu_count() or 1
+    """Number of processes for repeated executions."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Execute a plan and report.
+
+    Args:
+        arguments: Options as text; None for those of the process.
+
+    Returns:
+        The exit code.
+    """
+    options = parse_options(ExecuteOptions, "execute", arguments)
+
+    from dvr_jax.execution.repetition import ConditionRange
+    from dvr_jax.planning.result import Plan
+
+    if options.repeat < 1:
+        raise OptionError(f"--repeat is {options.repeat}; valid is 1 or more.")
+    variation = ConditionRange(options.object_noise / MILLIMETERS, options.friction, options.seed)
+    plan = Plan.load(options.plan)
+    if plan.motion is None:
+        raise DataError(f"the plan in {options.plan} is not solved, so that it has no motion.")
+
+    if options.repeat > 1:
+        return _repeat(plan, variation, options)
+    return _execute_once(plan, variation, options)
+
+
+def _execute_once(plan: Plan, variation: ConditionRange, options: ExecuteOptions) -> int:
+    """Execute a plan once, report on every object, and write the animation."""
+    from dvr_jax.execution import execute
+
+    assert plan.motion is not None
+    execution = execute(plan.scene, plan.actions, plan.motion, variation.conditions(0))
+    report = execution.report
+    print(f"{_verdict(report)} after {report.duration:.1f} s of simulated time")
+    for item in report.objects:
+        print(
+            f"  {item.name}: {MILLIMETERS * item.displacement:.1f} mm and {item.turn:.3f} rad "
+            "from its planned pose"
+        )
+    if report.deviation is not None:
+        print(f"first deviation: {report.deviation.sentence()}")
+
+    if options.animation:
+        path = options.out or options.plan / "execution.gif"
+        _animate(path, plan, execution)
+        print(f"animation: {path}")
+    return EXIT_SUCCEEDED if report.succeeded else EXIT_FAILED
+
+
+def _repeat(plan: Plan, variation: ConditionRange, options: ExecuteOptions) -> int:
+    """Execute a plan several times, and count the successes and the causes of failures."""
+    from dvr_jax.execution.repetition import execute_repeatedly
+
+    assert plan.motion is not None
+    succeeded = 0
+    causes: Counter[str] = Counter()
+    reports = execute_repeatedly(
+        plan.scene, plan.actions, plan.motion, variation, options.repeat, options.workers
+    )
+    for index, report in enumerate(reports):
+        succeeded += report.succeeded
+        if not report.succeeded:
+            causes[_cause(report)] += 1
+        print(f"  execution {index}: {_verdict(report)}", file=sys.stderr, flush=True)
+
+    print(f"the goal holds after {succeeded} of {options.repeat} executions")
+    for cause, count in causes.most_common():
+        print(f"  {count} failed: {cause}")
+    return EXIT_SUCCEEDED if succeeded == options.repeat else EXIT_FAILED
+
+
+def _verdict(report: ExecutionReport) -> str:
+    """Return whether the goal holds, in words."""
+    return "the goal holds" if report.succeeded else "the goal does not hold"
+
+
+def _cause(report: ExecutionReport) -> str:
+    """Return why an execution failed, in words."""
+    if report.deviation is None:
+        return "no object left its plan"
+    return report.deviation.cause.value
+
+
+def _animate(path: Path, plan: Plan, execution: Execution) -> None:
+    """Write the executed motion as a GIF."""
+    from dvr_jax.drawing.animation import save_animation
+    from dvr_jax.motion.motion import make_motion
+
+    assert plan.motion is not None
+    path.parent.mkdir(parents=True, exist_ok=True)
+    save_animation(
+        path, plan.scene, make_motion(execution.time, execution.qpos, plan.motion.switch)
+    )
+
+
+if __name__ == "__main__":
+    run_command(main)

@@ -1,0 +1,121 @@
+"""The MuJoCo model in which a plan is executed: the scene's own model, made fit for forces.
+
+The scene's model serves kinematics. For execution it gets
+
+- time steps of 1 ms, an implicit integrator and elliptic friction cones;
+- arms without weight, as Franka's controller compensates gravity;
+- flat finger pads. Their contacts are stiff and their parameters take precedence: with MuJoCo's default contacts, a
+  held object drifts by a centimeter in the course of a plan;
+- fingers that are coupled, with the inertia of their drive (about 2 kg): light fingers press into what they hold;
+- joint targets without limits, since the target of a servo leads its joint.
+"""
+
+from __future__ import annotations
+
+import mujoco
+
+from dvr_jax.execution.conditions import ExecutionConditions
+from dvr_jax.scene.mjcf import COLLISION_GROUP, build_model_spec, object_body_name
+from dvr_jax.scene.types import Scene
+from dvr_jax.workcell.robot import FINGERS
+
+TIME_STEP = 0.001
+"""Time step of the simulation [s]."""
+
+FINGER_INERTIA = 1.0
+"""Inertia of the drive that each of the two fingers feels [kg]."""
+
+PAD_HALF_SIZE = (0.0085, 0.004, 0.009)
+"""Half extents of a finger's pad across the finger, along the closing axis, and along the finger [m]."""
+
+PAD_CONTACT_TIME = 0.004
+"""Time constant of the contacts of a pad [s]; at least twice the time step."""
+
+TORSION = 0.01
+"""Coefficient of torsional friction of a pad [m], about half the radius of its contact."""
+
+ROLLING = 0.0001
+"""Coefficient of rolling friction, MuJoCo's default [m]."""
+
+
+def build_execution_model(scene: Scene, conditions: ExecutionConditions) -> mujoco.MjModel:
+    """Compile the model in which plans of a scene are executed.
+
+    Its `qpos` is laid out as that of the scene's own model.
+
+    Args:
+        scene: The scene.
+        conditions: Friction and density.
+    """
+    spec = build_model_spec(scene)
+    spec.option.timestep = TIME_STEP
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = 10.0
+
+    for geom in spec.geoms:
+        geom.friction = [conditions.friction, TORSION, ROLLING]
+    for item in scene.objects:
+        for geom in spec.body(object_body_name(item.name)).geoms:
+            geom.density = conditions.density
+
+    for arm in scene.workcell.arm_names:
+        _release_from_gravity(spec.body(f"{arm}/base"))
+        for finger in FINGERS:
+            _add_pad(spec, scene, f"{arm}/{finger}", conditions)
+        _couple_fingers(spec, arm)
+
+    # The target of a servo leads its joint by the product of the joint's speed and of the servo's time constant.
+    for actuator in spec.actuators:
+        actuator.ctrllimited = mujoco.mjtLimited.mjLIMITED_FALSE
+
+    return spec.compile()
+
+
+def _release_from_gravity(body: mujoco.MjsBody) -> None:
+    """Compensate the weight of a body and of all bodies that it carries."""
+    body.gravcomp = 1.0
+    child = body.first_body()
+    while child is not None:
+        _release_from_gravity(child)
+        child = body.next_body(child)
+
+
+def _add_pad(
+    spec: mujoco.MjSpec, scene: Scene, finger: str, conditions: ExecutionConditions
+) -> None:
+    """Put a flat pad on the inner side of a finger, around the gripper center."""
+    body = spec.body(finger)
+    joint = body.joints[0]
+    joint.armature = FINGER_INERTIA
+
+    # The inner side of a closed finger lies in the hand's middle plane, and the joint's axis points away from it.
+    outwards = float(joint.axis[1])
+    hand_to_center = float(spec.site(finger.rpartition("/")[0] + "/gripper").pos[2])
+    along = hand_to_center - float(body.pos[2])
+    body.add_geom(
+        name=f"{finger}_pad",
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        pos=[0.0, outwards * PAD_HALF_SIZE[1], along],
+        size=list(PAD_HALF_SIZE),
+        group=COLLISION_GROUP,
+        mass=0.0,
+        condim=4,
+        priority=1,
+        friction=[conditions.friction, TORSION, ROLLING],
+        solref=[PAD_CONTACT_TIME, 1.0],
+        solimp=[0.99, 0.999, 0.0005, 0.5, 2.0],
+    )
+
+
+def _couple_fingers(spec: mujoco.MjSpec, arm: str) -> None:
+    """Let both fingers of an arm travel by the same distance."""
+    left, right = (f"{arm}/{finger.replace('finger', 'finger_joint')}" for finger in FINGERS)
+    spec.add_equality(
+        type=mujoco.mjtEq.mjEQ_JOINT,
+        objtype=mujoco.mjtObj.mjOBJ_JOINT,
+        name1=left,
+        name2=right,
+        data=[0.0, 1.0, *[0.0] * (mujoco.mjNEQDATA - 2)],
+        solref=[PAD_CONTACT_TIME, 1.0],
+    )

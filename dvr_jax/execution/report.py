@@ -1,0 +1,81 @@
+"""What became of a plan in physics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class DeviationCause(StrEnum):
+    """Why an object first left the pose that the plan has for it."""
+
+    PUSHED = "pushed before its grasp"
+    """An arm touched the object while it stood, and grasps it next."""
+
+    COLLISION = "collision"
+    """An arm, or an object that an arm carries, touched the object while it stood."""
+
+    SLIPPED = "slipped in the gripper"
+    """The object moved in the gripper that holds it."""
+
+    HANDOVER = "touched at the handover"
+    """The object moved in its gripper while another one closed on it, or soon after."""
+
+    RELEASE = "knocked at its release"
+    """The object moved after its gripper had opened."""
+
+    MISSED = "not grasped"
+    """The gripper closed, and the object did not come along."""
+
+
+@dataclass(frozen=True, slots=True)
+class Deviation:
+    """The first moment at which an object is not where the plan has it."""
+
+    time: float
+    """Time since the start of the motion [s]."""
+
+    object: str
+    """Name of the object."""
+
+    cause: DeviationCause
+    """Why."""
+
+    touched_by: tuple[str, ...]
+    """Bodies other than the table that touch the object at this moment."""
+
+    def sentence(self) -> str:
+        """Return the deviation in words."""
+        touching = f" (touching: {', '.join(self.touched_by)})" if self.touched_by else ""
+        return f"at {self.time:.2f} s {self.object} was {self.cause.value}{touching}"
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectResult:
+    """Where an object is at the end, compared with the plan."""
+
+    name: str
+    """Name of the object."""
+
+    displacement: float
+    """Distance of its center from the planned one [m]."""
+
+    turn: float
+    """Angle of its rotation against the planned one [rad]."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExecutionReport:
+    """What became of a plan in physics."""
+
+    succeeded: bool
+    """Whether the goal holds at the end."""
+
+    objects: tuple[ObjectResult, ...]
+    """Every object at the end."""
+
+    deviation: Deviation | None
+    """The first deviation; None if every object followed the plan to the end."""
+
+    duration: float
+    """Simulated time [s]."""

@@ -1,0 +1,89 @@
+"""The command `python -m dvr_jax.execute`, on plans made by hand."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from PIL import Image
+from puppet import Case, carry_to_goal
+
+from dvr_jax.checker.replay import check_motion
+from dvr_jax.cli import execute
+from dvr_jax.errors import DataError, OptionError
+from dvr_jax.motion.motion import Motion
+from dvr_jax.planning.result import Plan
+from dvr_jax.scene.layout import qpos_layout
+from dvr_jax.scene.types import SceneObject
+from dvr_jax.search.status import PlanStatus
+
+
+def save(folder: Path, case: Case, motion: Motion) -> None:
+    """Save a plan with the check's report on the case's own motion."""
+    Plan(
+        scene=case.scene,
+        status=PlanStatus.SOLVED,
+        actions=case.actions,
+        motion=motion,
+        report=check_motion(case.scene, case.actions, case.motion),
+        violations={},
+        seconds={},
+        nlps={},
+        verdicts={},
+        rejected=0,
+    ).save(folder, pictures=False, animation=False)
+
+
+@pytest.fixture(scope="module")
+def case() -> Case:
+    box = SceneObject("yellow", "box", (0.05, 0.08, 0.10), (-0.20, 0.20), 0.3)
+    return carry_to_goal(box, 0.025)
+
+
+def test_a_success(tmp_path: Path, case: Case, capsys: pytest.CaptureFixture[str]) -> None:
+    save(tmp_path, case, case.motion)
+    assert execute.main([str(tmp_path)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("the goal holds after ")
+    assert [line.split(":")[0].strip() for line in lines[1:3]] == ["yellow", "can"]
+    assert lines[3] == f"animation: {tmp_path / 'execution.gif'}"
+    with Image.open(tmp_path / "execution.gif") as animation:
+        assert animation.n_frames > 10
+
+
+def test_a_failure(tmp_path: Path, case: Case, capsys: pytest.CaptureFixture[str]) -> None:
+    qpos = case.motion.qpos.copy()
+    qpos[: case.motion.switch[0], qpos_layout(case.scene).fingers[0]] = 0.0
+    save(tmp_path, case, Motion(case.motion.time, qpos, case.motion.switch))
+    assert execute.main([str(tmp_path), "--no-animation"]) == 1
+    printed = capsys.readouterr().out
+    assert printed.startswith("the goal does not hold after ")
+    assert "yellow was pushed before its grasp (touching: left/finger_" in printed
+    assert not (tmp_path / "execution.gif").exists()
+
+
+def test_repetitions(tmp_path: Path, case: Case, capsys: pytest.CaptureFixture[str]) -> None:
+    save(tmp_path, case, case.motion)
+    options = ["--repeat", "3", "--object-noise", "1", "--friction", "0.6", "1.2", "--workers", "2"]
+    assert execute.main([str(tmp_path), *options]) == 0
+    assert capsys.readouterr().out == "the goal holds after 3 of 3 executions\n"
+
+
+def test_refusals(tmp_path: Path, case: Case) -> None:
+    with pytest.raises(DataError, match="valid is a folder that a plan was saved to"):
+        execute.main([str(tmp_path)])
+    save(tmp_path, case, case.motion)
+    for options, message in (
+        (["--repeat", "0"], "--repeat is 0; valid is 1 or more."),
+        (["--friction", "1.2", "0.6"], "the friction is 1.2 to 0.6; valid is the smaller number"),
+        (["--friction", "-1", "1"], "the friction is -.*; valid is 0 to 10."),
+        (["--object-noise", "nan"], "the object noise is nan; valid is 0 to 0.1."),
+    ):
+        with pytest.raises(OptionError, match=message):
+            execute.main([str(tmp_path), *options])
+    plan = Plan.load(tmp_path)
+    unsolved = replace(
+        plan, status=PlanStatus.EXHAUSTED, actions=(), motion=None, report=None, violations={}
+    )
+    unsolved.save(tmp_path, pictures=False, animation=False)
+    with pytest.raises(DataError, match="is not solved, so that it has no motion"):
+        execute.main([str(tmp_path)])

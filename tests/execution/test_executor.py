@@ -1,0 +1,152 @@
+"""Executed motions: what should succeed succeeds, and what goes wrong is found with its time and cause."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+from puppet import Case
+
+from dvr_jax.checker.operators import CHECKS
+from dvr_jax.checker.timeline import attachment_timeline
+from dvr_jax.errors import OptionError
+from dvr_jax.execution import DeviationCause, ExecutionConditions, ExecutionReport, execute
+from dvr_jax.execution.commands import grip_intervals, servo_commands
+from dvr_jax.execution.physics_model import build_execution_model
+from dvr_jax.motion.motion import Motion
+from dvr_jax.scene.layout import qpos_layout
+from dvr_jax.scene.mjcf import object_body_name
+
+NOMINAL = ExecutionConditions()
+
+
+def executed(case: Case, conditions: ExecutionConditions = NOMINAL) -> ExecutionReport:
+    return execute(case.scene, case.actions, case.motion, conditions).report
+
+
+@pytest.mark.parametrize("name", ["carry", "carry_cylinder", "handover"])
+def test_a_sound_motion_succeeds(name: str, request: pytest.FixtureRequest) -> None:
+    report = executed(request.getfixturevalue(name))
+    assert report.succeeded
+    assert report.deviation is None
+    assert max(item.displacement for item in report.objects) < 5e-3
+    assert max(item.turn for item in report.objects) < 0.05
+
+
+def test_the_same_seed_gives_the_same_states(carry: Case) -> None:
+    conditions = ExecutionConditions(object_noise=0.002, seed=5)
+    first, second = (
+        execute(carry.scene, carry.actions, carry.motion, conditions) for _ in range(2)
+    )
+    np.testing.assert_array_equal(first.qpos, second.qpos)
+    assert first.report == second.report
+    other = execute(carry.scene, carry.actions, carry.motion, replace(conditions, seed=6))
+    assert np.abs(other.qpos[0] - first.qpos[0]).max() > 1e-4
+
+
+def test_friction_decides_whether_an_object_comes_along(carry: Case) -> None:
+    """Two pads hold up to ``2 friction force``; the box weighs 1.2 N."""
+    holding, slipping = (
+        executed(carry, ExecutionConditions(friction=0.01, grip_force=force))
+        for force in (90.0, 40.0)
+    )
+    assert holding.succeeded
+    assert not slipping.succeeded
+    assert slipping.deviation is not None
+    assert slipping.deviation.cause in (DeviationCause.MISSED, DeviationCause.SLIPPED)
+    lifts = carry.motion.time[carry.motion.switch[0]]
+    assert lifts <= slipping.deviation.time < lifts + 1.0
+
+
+def with_travel(case: Case, samples: slice, travel: float) -> Case:
+    """The case with other travels of the left fingers in some samples."""
+    qpos = case.motion.qpos.copy()
+    qpos[samples, qpos_layout(case.scene).fingers[0]] = travel
+    return replace(case, motion=Motion(case.motion.time, qpos, case.motion.switch))
+
+
+def test_closed_fingers_push_what_they_should_grasp(carry: Case) -> None:
+    report = executed(with_travel(carry, slice(None, int(carry.motion.switch[0])), 0.0))
+    assert not report.succeeded
+    assert report.deviation is not None
+    assert report.deviation.object == "yellow"
+    assert report.deviation.cause is DeviationCause.PUSHED
+    assert report.deviation.touched_by[0].startswith("left/finger_")
+    assert report.deviation.time < carry.motion.time[carry.motion.switch[0]]
+    assert "was pushed before its grasp" in report.deviation.sentence()
+
+
+def test_an_opened_gripper_drops_its_object(carry: Case) -> None:
+    first, last = carry.motion.switch
+    middle = int(first + last) // 2
+    report = executed(with_travel(carry, slice(middle, int(last)), 0.04))
+    assert not report.succeeded
+    assert report.deviation is not None
+    assert report.deviation.cause is DeviationCause.SLIPPED
+    assert report.deviation.time == pytest.approx(carry.motion.time[middle], abs=0.5)
+
+
+def test_an_object_in_the_way_is_hit(carry: Case) -> None:
+    layout = qpos_layout(carry.scene)
+    item = carry.scene.object_index("can")
+    way = (carry.motion.switch[0] + carry.motion.switch[1]) // 2
+    in_the_way = carry.motion.qpos[way, layout.objects[0, :2]]
+    qpos = carry.motion.qpos.copy()
+    qpos[:, layout.objects[item, :2]] = in_the_way
+    moved = replace(carry, motion=Motion(carry.motion.time, qpos, carry.motion.switch))
+    report = executed(moved)
+    assert report.deviation is not None
+    assert (report.deviation.object, report.deviation.cause) == ("can", DeviationCause.COLLISION)
+    assert "object/yellow" in report.deviation.touched_by
+
+
+def test_pads_press_with_the_grip_force(carry: Case) -> None:
+    """MuJoCo's own contact forces, half a second after the grasp."""
+    conditions = ExecutionConditions(grip_force=40.0)
+    layout = qpos_layout(carry.scene)
+    model = build_execution_model(carry.scene, conditions)
+    timeline = attachment_timeline(carry.scene, carry.actions, carry.motion, CHECKS)
+    grips = grip_intervals(carry.motion, timeline, layout)
+    commands = servo_commands(model, carry.scene, carry.motion, grips, conditions, 0.0)
+    data = mujoco.MjData(model)
+    data.qpos[:] = carry.motion.qpos[0]
+    for targets in commands.targets[
+        : round(1e3 * (carry.motion.time[carry.motion.switch[0]] + 0.5))
+    ]:
+        data.ctrl[:] = targets
+        mujoco.mj_step(model, data)
+
+    body = model.body(object_body_name("yellow")).id
+    pressing = {"left/finger_left": 0.0, "left/finger_right": 0.0}
+    force = np.zeros(6)
+    for index, contact in enumerate(data.contact):
+        bodies = {int(model.geom_bodyid[geom]) for geom in contact.geom}
+        names = {model.body(other).name for other in bodies - {body}} & set(pressing)
+        if body in bodies and names:
+            mujoco.mj_contactForce(model, data, index, force)
+            pressing[names.pop()] += force[0]
+    assert list(pressing.values()) == pytest.approx([40.0, 40.0], rel=0.1)
+
+
+def test_resting_arms_and_objects_stay_where_they_are(carry: Case) -> None:
+    still = Motion(
+        0.1 * np.arange(20), np.repeat(carry.motion.qpos[:1], 20, axis=0), np.zeros(0, int)
+    )
+    states = execute(carry.scene, (), still).qpos
+    assert np.abs(states - states[0]).max() < 3e-4
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"friction": -0.1}, "the friction is -0.1; valid is 0 to 10."),
+        ({"friction": float("nan")}, "the friction is nan"),
+        ({"density": 0.0}, "the density is 0.0; valid is 1 to 25000."),
+        ({"grip_force": 1e6}, "the grip force is 1000000.0; valid is 1 to 140."),
+        ({"object_noise": 1.0}, "the object noise is 1.0; valid is 0 to 0.1."),
+        ({"seed": -1}, "the seed is -1; valid is 0 or more."),
+    ],
+)
+def test_conditions_that_are_no_physics_are_refused(values: dict[str, float], message: str) -> None:
+    with pytest.raises(OptionError, match=message):
+        ExecutionConditions(**values)
