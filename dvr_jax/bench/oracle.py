@@ -20,8 +20,8 @@ from dvr_jax.nlp.transcription import transcribe
 from dvr_jax.operators.grasp import PITCH_RANGE
 from dvr_jax.scene.types import Scene
 from dvr_jax.seeds.initial_paths import initial_path, path_problem
-from dvr_jax.solver.augmented_lagrangian import Settings
 from dvr_jax.solver.lane_pool import NlpSolution, solve
+from dvr_jax.solver.state import Settings
 from dvr_jax.workcell.model import WorkcellModel, workcell_model
 from dvr_jax.workcell.workcell import Table
 

@@ -38,9 +38,9 @@ from dvr_jax.search.node import Node
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import run_alone
 from dvr_jax.seeds.initial_paths import STEPS_PER_PHASE, initial_path, path_problem
-from dvr_jax.solver.augmented_lagrangian import Settings
 from dvr_jax.solver.iteration import evaluate_trials, initial_states, lay_out_chunks, measure_chunk
 from dvr_jax.solver.lane_pool import NlpSolution, solve, stack
+from dvr_jax.solver.state import Settings
 from dvr_jax.workcell.model import WorkcellModel, workcell_model
 
 _T = TypeVar("_T")

@@ -33,9 +33,9 @@ from dvr_jax.search.work import run_alone
 from dvr_jax.seeds.beam_batches import BeamTask, extend_beams, lane_counts
 from dvr_jax.seeds.initial_paths import initial_path, keyframe_start, path_problem
 from dvr_jax.seeds.keyframe_beam import CERTIFIED_PENETRATION
-from dvr_jax.solver.augmented_lagrangian import Settings
 from dvr_jax.solver.iteration import evaluate_trials, initial_states, lay_out_chunks, measure_chunk
 from dvr_jax.solver.lane_pool import solve, stack
+from dvr_jax.solver.state import Settings
 from dvr_jax.workcell.model import workcell_model
 from dvr_jax.workcell.workcell import DEFAULT_WORKCELL
 

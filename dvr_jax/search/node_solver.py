@@ -30,8 +30,8 @@ from dvr_jax.seeds.keyframe_beam import (
     KeyframeBeam,
     held_beam,
 )
-from dvr_jax.solver.augmented_lagrangian import Settings
 from dvr_jax.solver.lane_pool import NlpSolution
+from dvr_jax.solver.state import Settings
 from dvr_jax.workcell.model import workcell_model
 
 FURTHER_STARTS = (5, 10)

@@ -28,7 +28,7 @@ from dvr_jax.search.node_solver import NodeSolver
 from dvr_jax.search.pose_bound import PoseBound
 from dvr_jax.search.work import Steps
 from dvr_jax.seeds.keyframe_beam import empty_beam
-from dvr_jax.solver.augmented_lagrangian import Settings
+from dvr_jax.solver.state import Settings
 
 
 class SequenceTree:

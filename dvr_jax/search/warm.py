@@ -22,9 +22,9 @@ from dvr_jax.search.tree import SequenceTree
 from dvr_jax.seeds.beam_batches import BeamTask, extend_beams
 from dvr_jax.seeds.initial_paths import initial_path, path_problem
 from dvr_jax.seeds.keyframe_beam import empty_beam
-from dvr_jax.solver.augmented_lagrangian import Settings
 from dvr_jax.solver.continuous_collision import sample_penetration
 from dvr_jax.solver.lane_pool import solve, stack
+from dvr_jax.solver.state import Settings
 from dvr_jax.workcell.model import WorkcellModel, workcell_model
 
 Job = Callable[[], None]

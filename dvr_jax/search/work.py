@@ -14,8 +14,8 @@ from typing import Any, TypeVar
 from dvr_jax.nlp.problem import Problem, Variables
 from dvr_jax.seeds.beam_batches import BeamTask, extend_beams, lane_counts
 from dvr_jax.seeds.keyframe_beam import KeyframeBeam
-from dvr_jax.solver.augmented_lagrangian import Settings
 from dvr_jax.solver.lane_pool import NlpSolution, solve
+from dvr_jax.solver.state import Settings
 from dvr_jax.workcell.model import WorkcellModel
 
 

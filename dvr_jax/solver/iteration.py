@@ -45,17 +45,9 @@ from dvr_jax.nlp.slices import NormalEquations, SliceGeometry, Slices, measure, 
 from dvr_jax.nlp.system import BorderedSystem
 from dvr_jax.runtime.batch_sizes import batch_sizes
 from dvr_jax.runtime.compilation import Program
-from dvr_jax.solver.augmented_lagrangian import (
-    RestorationPhase,
-    Settings,
-    SolverState,
-    SolverStatus,
-    TrialUpdate,
-    judge_trial,
-    next_trial,
-    trial_point,
-)
+from dvr_jax.solver.augmented_lagrangian import judge_trial, next_trial, trial_point
 from dvr_jax.solver.banded import solve_bordered
+from dvr_jax.solver.state import RestorationPhase, Settings, SolverState, SolverStatus, TrialUpdate
 from dvr_jax.workcell.model import WorkcellModel
 
 

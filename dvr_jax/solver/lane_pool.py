@@ -21,7 +21,6 @@ from dvr_jax.nlp.problem import Problem, Variables
 from dvr_jax.runtime.batch_sizes import batch_sizes
 from dvr_jax.runtime.compilation import to_device
 from dvr_jax.runtime.threads import linear_algebra_on_one_thread
-from dvr_jax.solver.augmented_lagrangian import Settings, SolverState, SolverStatus
 from dvr_jax.solver.continuous_collision import (
     BETWEEN_TOLERANCE,
     EXCHANGES,
@@ -30,6 +29,7 @@ from dvr_jax.solver.continuous_collision import (
     sample_penetration,
 )
 from dvr_jax.solver.iteration import initial_states, iterate, lay_out_chunks
+from dvr_jax.solver.state import Settings, SolverState, SolverStatus
 from dvr_jax.workcell.model import WorkcellModel
 
 REFILL_FRACTION = 0.25

@@ -27,7 +27,6 @@ from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import run_alone
 from dvr_jax.seeds.initial_paths import STEPS_PER_PHASE, initial_path, keyframe_start, path_problem
 from dvr_jax.solver import lane_pool
-from dvr_jax.solver.augmented_lagrangian import Settings, SolverStatus
 from dvr_jax.solver.continuous_collision import (
     BETWEEN_TOLERANCE,
     SAMPLES_PER_SLICE,
@@ -35,6 +34,7 @@ from dvr_jax.solver.continuous_collision import (
     sample_penetration,
 )
 from dvr_jax.solver.lane_pool import NlpSolution, solve
+from dvr_jax.solver.state import Settings, SolverStatus
 
 HANDOVERS = (133, 235)
 """Of the frozen problems, two of two actions whose first path penetrates between its samples."""

@@ -22,8 +22,8 @@ from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import run_alone
 from dvr_jax.seeds.initial_paths import keyframe_start
 from dvr_jax.seeds.keyframe_beam import BEAM_WIDTH, CERTIFIED_PENETRATION
-from dvr_jax.solver.augmented_lagrangian import Settings
 from dvr_jax.solver.lane_pool import solve
+from dvr_jax.solver.state import Settings
 
 BOX = SceneObject("a", "box", (0.05, 0.15, 0.1), (-0.2, 0.1), 0.3)
 

@@ -11,13 +11,8 @@ from hock_schittkowski import EXAMPLES, Example
 from jax import Array
 
 from dvr_jax.solver import augmented_lagrangian
-from dvr_jax.solver.augmented_lagrangian import (
-    RestorationPhase,
-    Settings,
-    SolverState,
-    SolverStatus,
-    trial_point,
-)
+from dvr_jax.solver.augmented_lagrangian import trial_point
+from dvr_jax.solver.state import RestorationPhase, Settings, SolverState, SolverStatus
 
 TOLERANCE = 1e-7
 """Violation that the method may leave."""

@@ -17,8 +17,8 @@ from dvr_jax.nlp.transcription import transcribe
 from dvr_jax.runtime import batch_sizes
 from dvr_jax.runtime.batch_sizes import CPU
 from dvr_jax.solver import iteration, lane_pool
-from dvr_jax.solver.augmented_lagrangian import Settings, SolverStatus
 from dvr_jax.solver.lane_pool import solve, stack
+from dvr_jax.solver.state import Settings, SolverStatus
 
 
 def test_solutions_do_not_depend_on_the_batch() -> None:
