@@ -99,9 +99,7 @@ def find_deviation(model: mujoco.MjModel, executed: ExecutedMotion) -> Deviation
     Returns:
         The deviation with the earliest onset; None if every object followed the plan to the end.
     """
-    samples = [executed.planned_sample(record) for record in range(len(executed.states))]
-    planned = executed.motion.qpos[samples]
-
+    planned = _planned_states(executed)
     onsets: list[tuple[int, int]] = []
     for index, columns in enumerate(executed.layout.objects):
         distance, turn = differences(planned[:, columns], executed.states[:, columns])
@@ -121,6 +119,19 @@ def find_deviation(model: mujoco.MjModel, executed: ExecutedMotion) -> Deviation
         cause=_cause(executed, index, record, touched_by),
         touched_by=touched_by,
     )
+
+
+def _planned_states(executed: ExecutedMotion) -> Float[np.ndarray, "records nq"]:
+    """Return the planned state for each record; an object that was displaced at the start stays so until its grasp."""
+    samples = [executed.planned_sample(record) for record in range(len(executed.states))]
+    planned = executed.motion.qpos[samples].copy()
+
+    for interval in executed.timeline.intervals:
+        if interval.start == 0:
+            columns = executed.layout.objects[interval.object]
+            end = interval.end if interval.end < len(executed.motion.time) else len(planned)
+            planned[:end, columns] = executed.states[0, columns]
+    return planned
 
 
 def _cause(

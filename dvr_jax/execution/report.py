@@ -12,8 +12,8 @@ class DeviationCause(StrEnum):
     PUSHED = "pushed before its grasp"
     """An arm touched the object while it stood, and grasps it next."""
 
-    COLLISION = "collision"
-    """An arm, or an object that an arm carries, touched the object while it stood."""
+    COLLISION = "hit while it stood"
+    """Another arm, or an object that an arm carries, touched the object while it stood."""
 
     SLIPPED = "slipped in the gripper"
     """The object moved in the gripper that holds it."""
@@ -42,12 +42,13 @@ class Deviation:
     """Why."""
 
     touched_by: tuple[str, ...]
-    """Bodies other than the table that touch the object at this moment."""
+    """Bodies other than the table that touched the object at this moment or shortly before it."""
 
     def sentence(self) -> str:
         """Return the deviation in words."""
-        touching = f" (touching: {', '.join(self.touched_by)})" if self.touched_by else ""
-        return f"at {self.time:.2f} s {self.object} was {self.cause.value}{touching}"
+        touching = f" (touched by {', '.join(self.touched_by)})" if self.touched_by else ""
+        verb = "" if self.cause is DeviationCause.SLIPPED else "was "
+        return f"at {self.time:.2f} s {self.object} {verb}{self.cause.value}{touching}"
 
 
 @dataclass(frozen=True, slots=True)

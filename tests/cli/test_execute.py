@@ -57,7 +57,7 @@ def test_a_failure(tmp_path: Path, case: Case, capsys: pytest.CaptureFixture[str
     assert execute.main([str(tmp_path), "--no-animation"]) == 1
     printed = capsys.readouterr().out
     assert printed.startswith("the goal does not hold after ")
-    assert "yellow was pushed before its grasp (touching: left/finger_" in printed
+    assert "yellow was pushed before its grasp (touched by left/finger_" in printed
     assert not (tmp_path / "execution.gif").exists()
 
 

@@ -42,6 +42,8 @@ def test_the_same_seed_gives_the_same_states(carry: Case) -> None:
     assert first.report == second.report
     other = execute(carry.scene, carry.actions, carry.motion, replace(conditions, seed=6))
     assert np.abs(other.qpos[0] - first.qpos[0]).max() > 1e-4
+    # A displacement alone is no deviation.
+    assert first.report.succeeded and first.report.deviation is None
 
 
 def test_friction_decides_whether_an_object_comes_along(carry: Case) -> None:
