@@ -5,49 +5,25 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from puppet import Case, carry_to_goal
+from puppet_plans import carried_box, plan_of, with_closed_fingers
 
 from dvr_jax.bench import execute
 from dvr_jax.bench.committed import CommittedResults
 from dvr_jax.bench.execute import ExecuteOptions
 from dvr_jax.bench.execution_figures import causes, execution
-from dvr_jax.checker.replay import check_motion
 from dvr_jax.errors import OptionError
-from dvr_jax.motion.motion import Motion
 from dvr_jax.planning.result import Plan
-from dvr_jax.scene.layout import qpos_layout
-from dvr_jax.scene.types import SceneObject
-from dvr_jax.search.status import PlanStatus
-
-
-@pytest.fixture(scope="module")
-def case() -> Case:
-    box = SceneObject("yellow", "box", (0.05, 0.08, 0.10), (-0.20, 0.20), 0.3)
-    return carry_to_goal(box, 0.025)
-
-
-def plan_of(case: Case, motion: Motion | None) -> Plan:
-    return Plan(
-        scene=case.scene,
-        status=PlanStatus.SOLVED if motion else PlanStatus.EXHAUSTED,
-        actions=case.actions if motion else (),
-        motion=motion,
-        report=check_motion(case.scene, case.actions, case.motion) if motion else None,
-        violations={},
-        seconds={},
-        nlps={},
-        verdicts={},
-        rejected=0,
-    )
 
 
 @pytest.fixture
-def plans(case: Case, monkeypatch: pytest.MonkeyPatch) -> list[Plan]:
-    """A plan that succeeds, one with closed fingers that fails, and a scene without a plan, in place of the planner."""
-    qpos = case.motion.qpos.copy()
-    qpos[: case.motion.switch[0], qpos_layout(case.scene).fingers[0]] = 0.0
-    closed = Motion(case.motion.time, qpos, case.motion.switch)
-    found = [plan_of(case, case.motion), plan_of(case, closed), plan_of(case, None)]
+def plans(monkeypatch: pytest.MonkeyPatch) -> list[Plan]:
+    """A plan that succeeds, one that fails, and a scene without a plan, in place of what the planner finds."""
+    case = carried_box()
+    found = [
+        plan_of(case, case.motion),
+        plan_of(case, with_closed_fingers(case)),
+        plan_of(case, None),
+    ]
     monkeypatch.setattr(execute, "plan_scene", lambda options, index: found[index])
     return found
 

@@ -1,42 +1,24 @@
 """The command `python -m dvr_jax.execute`, on plans made by hand."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from PIL import Image
-from puppet import Case, carry_to_goal
+from puppet import Case
+from puppet_plans import carried_box, plan_of, with_closed_fingers
 
-from dvr_jax.checker.replay import check_motion
 from dvr_jax.cli import execute
 from dvr_jax.errors import DataError, OptionError
 from dvr_jax.motion.motion import Motion
-from dvr_jax.planning.result import Plan
-from dvr_jax.scene.layout import qpos_layout
-from dvr_jax.scene.types import SceneObject
-from dvr_jax.search.status import PlanStatus
 
 
-def save(folder: Path, case: Case, motion: Motion) -> None:
-    """Save a plan with the check's report on the case's own motion."""
-    Plan(
-        scene=case.scene,
-        status=PlanStatus.SOLVED,
-        actions=case.actions,
-        motion=motion,
-        report=check_motion(case.scene, case.actions, case.motion),
-        violations={},
-        seconds={},
-        nlps={},
-        verdicts={},
-        rejected=0,
-    ).save(folder, pictures=False, animation=False)
+def save(folder: Path, case: Case, motion: Motion | None) -> None:
+    plan_of(case, motion).save(folder, pictures=False, animation=False)
 
 
 @pytest.fixture(scope="module")
 def case() -> Case:
-    box = SceneObject("yellow", "box", (0.05, 0.08, 0.10), (-0.20, 0.20), 0.3)
-    return carry_to_goal(box, 0.025)
+    return carried_box()
 
 
 def test_a_success(tmp_path: Path, case: Case, capsys: pytest.CaptureFixture[str]) -> None:
@@ -51,9 +33,7 @@ def test_a_success(tmp_path: Path, case: Case, capsys: pytest.CaptureFixture[str
 
 
 def test_a_failure(tmp_path: Path, case: Case, capsys: pytest.CaptureFixture[str]) -> None:
-    qpos = case.motion.qpos.copy()
-    qpos[: case.motion.switch[0], qpos_layout(case.scene).fingers[0]] = 0.0
-    save(tmp_path, case, Motion(case.motion.time, qpos, case.motion.switch))
+    save(tmp_path, case, with_closed_fingers(case))
     assert execute.main([str(tmp_path), "--no-animation"]) == 1
     printed = capsys.readouterr().out
     assert printed.startswith("the goal does not hold after ")
@@ -80,10 +60,6 @@ def test_refusals(tmp_path: Path, case: Case) -> None:
     ):
         with pytest.raises(OptionError, match=message):
             execute.main([str(tmp_path), *options])
-    plan = Plan.load(tmp_path)
-    unsolved = replace(
-        plan, status=PlanStatus.EXHAUSTED, actions=(), motion=None, report=None, violations={}
-    )
-    unsolved.save(tmp_path, pictures=False, animation=False)
+    save(tmp_path, case, None)
     with pytest.raises(DataError, match="is not solved, so that it has no motion"):
         execute.main([str(tmp_path)])
