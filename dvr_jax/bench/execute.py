@@ -11,7 +11,13 @@ from dataclasses import dataclass
 import tyro
 
 from dvr_jax.bench.results_file import ResultsFile, Row
-from dvr_jax.bench.scenes import ScenesOptions, header_options, plan_scene, prepare_worker
+from dvr_jax.bench.scenes import (
+    ScenesOptions,
+    header_options,
+    load_search_network,
+    plan_scene,
+    prepare_worker,
+)
 from dvr_jax.execution import execute
 from dvr_jax.execution.repetition import ConditionRange
 from dvr_jax.runtime.processes import worker_processes
@@ -61,6 +67,9 @@ def execute_scenes(options: ExecuteOptions) -> Iterator[Row]:
     """
     options.check()
     options.variation()
+
+    # The network is loaded here once, so that a bad file is refused before any worker starts.
+    load_search_network(options.search, options.network)
 
     results_file = ResultsFile(options.out, header_options(options))
     todo = results_file.missing(options.number)

@@ -112,13 +112,22 @@ def _scene(options: ScenesOptions, index: int) -> Scene:
 
 
 @lru_cache(maxsize=1)
-def _network(search: str, path: Path | None) -> Predictor | None:
+def load_search_network(search: str, path: Path | None) -> Predictor | None:
+    """Load the network of a search once.
+
+    Args:
+        search: Name of the search.
+        path: File or folder of the network; None is the shipped one.
+
+    Returns:
+        The network; None for a search that none guides.
+    """
     return load_network(search, path) if search in GUIDED else None
 
 
 def prepare_worker(options: ScenesOptions) -> None:
     """Compile or load everything before the first scene is timed."""
-    network = _network(options.search, options.network)
+    network = load_search_network(options.search, options.network)
 
     # Programs depend on the number of fixed bodies: one scene of each number.
     scenes = [_scene(options, index) for index in range(options.number)]
@@ -139,7 +148,7 @@ def plan_scene(options: ScenesOptions, index: int) -> Plan:
         options.k_max,
         seed=0,
         time_limit=options.time_limit,
-        network=_network(options.search, options.network),
+        network=load_search_network(options.search, options.network),
     )
 
 
@@ -186,7 +195,7 @@ def plan_scenes(options: ScenesOptions) -> Iterator[SceneResult]:
     options.check()
 
     # The network is loaded here once, so that a bad file is refused before any worker starts.
-    _network(options.search, options.network)
+    load_search_network(options.search, options.network)
 
     results_file = ResultsFile(options.out, header_options(options))
     todo = results_file.missing(options.number)

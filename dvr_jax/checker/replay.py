@@ -71,7 +71,7 @@ def check_motion(
         MotionError: The motion's arrays do not fit the scene, or an action does not apply.
         SceneError: The check does not know a shape or the goal of the scene.
     """
-    _validate_fit(scene, actions, motion)
+    validate_fit(scene, actions, motion)
     timeline = attachment_timeline(scene, actions, motion, operators)
     log = FindingLog(motion.time)
     replayed, deepest = _replay(scene, motion, log)
@@ -100,8 +100,17 @@ def check_motion(
     )
 
 
-def _validate_fit(scene: Scene, actions: Sequence[Action], motion: Motion) -> None:
-    """Raise `MotionError` if the arrays of a motion do not fit the scene and the actions."""
+def validate_fit(scene: Scene, actions: Sequence[Action], motion: Motion) -> None:
+    """Refuse a motion whose arrays do not fit the scene and the actions.
+
+    Args:
+        scene: The scene that the motion starts in.
+        actions: The actions, one for each switch of the motion.
+        motion: The motion.
+
+    Raises:
+        MotionError: The arrays do not fit.
+    """
     validate_motion(motion)
 
     layout = qpos_layout(scene)

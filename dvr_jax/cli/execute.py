@@ -72,6 +72,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.repeat < 1:
         raise OptionError(f"--repeat is {options.repeat}; valid is 1 or more.")
     variation = ConditionRange(options.object_noise / MILLIMETERS, options.friction, options.seed)
+    if options.repeat > 1 and options.out is not None:
+        raise OptionError(
+            "--out names an animation, and repeated executions have none; leave it out."
+        )
     plan = Plan.load(options.plan)
     if plan.motion is None:
         raise DataError(f"the plan in {options.plan} is not solved, so that it has no motion.")
@@ -128,6 +132,8 @@ def _repeat(plan: Plan, variation: ConditionRange, options: ExecuteOptions) -> i
 
 def _verdict(report: ExecutionReport) -> str:
     """Return whether the goal holds, in words."""
+    if not report.is_stable:
+        return "the simulation diverged"
     return "the goal holds" if report.succeeded else "the goal does not hold"
 
 

@@ -86,7 +86,7 @@ def servo_commands(
     motion: Motion,
     grips: Sequence[GripInterval],
     conditions: ExecutionConditions,
-    settling: float,
+    duration: float,
 ) -> ServoCommands:
     """Compute the targets of all servos.
 
@@ -96,10 +96,10 @@ def servo_commands(
         motion: The motion.
         grips: When each gripper is closed on an object.
         conditions: The grip force.
-        settling: Time for which the last targets are held after the motion [s].
+        duration: Time of the last step [s]; after the motion its last targets are held.
     """
     layout = qpos_layout(scene)
-    time = np.arange(0.0, motion.time[-1] - motion.time[0] + settling, model.opt.timestep)
+    time = model.opt.timestep * np.arange(round(duration / model.opt.timestep) + 1)
     moving = np.minimum(time, motion.time[-1] - motion.time[0])
     driven = np.concatenate([layout.arm_joints, layout.fingers], axis=1)
     reference = CubicSpline(

@@ -20,7 +20,8 @@ class ExecutionConditions:
     """Density of the objects [kg/m^3]."""
 
     grip_force: float = 70.0
-    """Force of a closed gripper on its object [N]; Franka states 70 N for continuous use."""
+    """Force of each finger of a closed gripper on its object [N]. Franka states 70 N for continuous use, which is also
+    the limit of the robot's model."""
 
     object_noise: float = 0.0
     """Standard deviation of the initial displacement of each object along x and along y [m]."""
@@ -30,13 +31,15 @@ class ExecutionConditions:
 
     def __post_init__(self) -> None:
         """Refuse numbers that physics cannot use."""
-        for name, value, least, most in (
-            ("friction", self.friction, 0.0, 10.0),
-            ("density", self.density, 1.0, 25_000.0),
-            ("grip force", self.grip_force, 1.0, 140.0),
-            ("object noise", self.object_noise, 0.0, 0.1),
+        for name, value, least, most, unit in (
+            ("friction", self.friction, 0.0, 10.0, ""),
+            ("density", self.density, 1.0, 25_000.0, " kg/m^3"),
+            ("grip force", self.grip_force, 1.0, 70.0, " N"),
+            ("object noise", self.object_noise, 0.0, 0.1, " m"),
         ):
             if not (math.isfinite(value) and least <= value <= most):
-                raise OptionError(f"the {name} is {value}; valid is {least:g} to {most:g}.")
+                raise OptionError(
+                    f"the {name} is {value:g}{unit}; valid is {least:g} to {most:g}{unit}."
+                )
         if self.seed < 0:
             raise OptionError(f"the seed is {self.seed}; valid is 0 or more.")

@@ -1,8 +1,11 @@
 """When an executed motion first leaves its plan, and why.
 
 An object has left its plan when it is farther from its planned pose than `LARGEST_DISPLACEMENT` or `LARGEST_TURN`. The
-cause lies earlier, at the *onset*: the last moment at which it was still near that pose. What the plan does with the
-object at the onset, and what touches it there, tell the cause.
+cause lies earlier, at the *onset*: the first record after which it was no longer near that pose. What the plan does
+with the object at the onset, and what touches it there, tell the cause.
+
+Near means within a fifth of the limits, beyond what the object was off when the interval of its attachment began: an
+object that is grasped a little beside its planned place is carried so.
 """
 
 from __future__ import annotations
@@ -100,23 +103,25 @@ def find_deviation(model: mujoco.MjModel, executed: ExecutedMotion) -> Deviation
         The deviation with the earliest onset; None if every object followed the plan to the end.
     """
     planned = _planned_states(executed)
-    onsets: list[tuple[int, int]] = []
+    onsets: list[tuple[int, int, int]] = []
     for index, columns in enumerate(executed.layout.objects):
         distance, turn = differences(planned[:, columns], executed.states[:, columns])
         excess = np.maximum(distance / LARGEST_DISPLACEMENT, turn / LARGEST_TURN)
         beyond = np.flatnonzero(excess > 1)
         if len(beyond):
-            near = np.flatnonzero(excess[: beyond[0]] <= ONSET_FRACTION)
-            onsets.append((int(near[-1]) + 1 if len(near) else 0, index))
+            allowed = ONSET_FRACTION + _offsets(executed, index, excess)
+            near = np.flatnonzero((excess <= allowed)[: beyond[0]])
+            onset = int(near[-1]) + 1 if len(near) else 0
+            onsets.append((onset, index, int(beyond[0])))
     if not onsets:
         return None
 
-    record, index = min(onsets)
+    record, index, far = min(onsets)
     touched_by = _touching(model, executed, index, record)
     return Deviation(
         time=record * executed.motion.step,
         object=executed.scene.objects[index].name,
-        cause=_cause(executed, index, record, touched_by),
+        cause=_cause(executed, index, record, far, touched_by),
         touched_by=touched_by,
     )
 
@@ -134,10 +139,29 @@ def _planned_states(executed: ExecutedMotion) -> Float[np.ndarray, "records nq"]
     return planned
 
 
+def _offsets(
+    executed: ExecutedMotion, index: int, excess: Float[np.ndarray, " records"]
+) -> Float[np.ndarray, " records"]:
+    """Return for each record how far an object was off when the interval of its attachment began."""
+    offsets = np.zeros_like(excess)
+    for interval in executed.timeline.intervals:
+        if interval.object == index:
+            offsets[interval.start :] = excess[interval.start]
+    return offsets
+
+
 def _cause(
-    executed: ExecutedMotion, index: int, record: int, touched_by: tuple[str, ...]
+    executed: ExecutedMotion, index: int, record: int, far: int, touched_by: tuple[str, ...]
 ) -> DeviationCause:
-    """Classify a disturbance by what the plan does with the object at its onset."""
+    """Classify a disturbance by what the plan does with the object at its onset.
+
+    Args:
+        executed: The executed motion.
+        index: Number of the object.
+        record: The onset.
+        far: First record at which the object has left its plan.
+        touched_by: What touched the object at the onset.
+    """
     sample = executed.planned_sample(record)
     interval = next(
         other
@@ -153,9 +177,7 @@ def _cause(
         if (is_recent and was_held) or _closes_on(executed, after, record):
             return DeviationCause.HANDOVER
         return (
-            DeviationCause.SLIPPED
-            if _has_moved(executed, interval, record)
-            else DeviationCause.MISSED
+            DeviationCause.SLIPPED if _has_moved(executed, interval, far) else DeviationCause.MISSED
         )
 
     if before is not None and (is_recent or record > sample):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from dvr_jax.checker.operators import CHECKS, OperatorCheck
+from dvr_jax.checker.replay import validate_fit
 from dvr_jax.checker.timeline import attachment_timeline
 from dvr_jax.execution.commands import ServoCommands, grip_intervals, servo_commands
 from dvr_jax.execution.conditions import ExecutionConditions
@@ -24,6 +26,13 @@ from dvr_jax.scene.types import Scene
 
 SETTLING = 1.5
 """Time for which the scene is left alone after the motion [s]."""
+
+DIVERGENCE = (
+    mujoco.mjtWarning.mjWARN_BADQPOS,
+    mujoco.mjtWarning.mjWARN_BADQVEL,
+    mujoco.mjtWarning.mjWARN_BADQACC,
+)
+"""Warnings of MuJoCo after which a simulation means nothing."""
 
 NOMINAL = ExecutionConditions()
 """Conditions without noise."""
@@ -63,25 +72,42 @@ def execute(
         The executed motion with its report.
 
     Raises:
-        MotionError: An action does not apply where it stands.
+        MotionError: The motion's arrays do not fit the scene, or an action does not apply where it stands.
     """
+    validate_fit(scene, actions, motion)
     layout = qpos_layout(scene)
     timeline = attachment_timeline(scene, actions, motion, operators)
     grips = grip_intervals(motion, timeline, layout)
 
     model = build_execution_model(scene, conditions)
-    commands = servo_commands(model, scene, motion, grips, conditions, SETTLING)
-    time = np.arange(0.0, commands.time[-1], motion.step)
-    states, touches = _simulate(model, commands, _first_state(motion, layout, conditions), time)
+    time = motion.step * np.arange(len(motion.time) + math.ceil(SETTLING / motion.step))
+    commands = servo_commands(model, scene, motion, grips, conditions, float(time[-1]))
+    simulated = _simulate(model, commands, _first_state(motion, layout, conditions), time)
 
-    executed = ExecutedMotion(scene, motion, timeline, grips, layout, states, touches)
+    states = simulated.states
+    executed = ExecutedMotion(scene, motion, timeline, grips, layout, states, simulated.touches)
     report = ExecutionReport(
-        succeeded=goal_holds(scene, timeline, states[-1]),
+        succeeded=simulated.is_stable and goal_holds(scene, timeline, states[-1]),
+        is_stable=simulated.is_stable,
         objects=_results(scene, layout, motion.qpos[-1], states[-1]),
         deviation=find_deviation(model, executed),
-        duration=float(commands.time[-1]),
+        duration=float(time[-1]),
     )
     return Execution(report, time, states)
+
+
+@dataclass(frozen=True, slots=True)
+class _Simulated:
+    """What a simulation has recorded."""
+
+    states: Float[np.ndarray, "records nq"]
+    """The states at the wanted times."""
+
+    touches: list[frozenset[tuple[int, int]]]
+    """Pairs of bodies that touched since the record before, for each record."""
+
+    is_stable: bool
+    """False if the numbers diverged, upon which MuJoCo starts again from its own initial state."""
 
 
 def _first_state(
@@ -100,7 +126,7 @@ def _simulate(
     commands: ServoCommands,
     first_state: Float[np.ndarray, " nq"],
     time: Float[np.ndarray, " records"],
-) -> tuple[Float[np.ndarray, "records nq"], list[frozenset[tuple[int, int]]]]:
+) -> _Simulated:
     """Simulate all steps.
 
     Args:
@@ -108,13 +134,10 @@ def _simulate(
         commands: Targets of the servos in each step.
         first_state: State at the first step.
         time: Times at which the state is recorded [s].
-
-    Returns:
-        The recorded states, and for each the pairs of bodies that touched since the record before.
     """
     data = mujoco.MjData(model)
     data.qpos[:] = first_state
-    record_steps = np.searchsorted(commands.time, time).tolist()
+    record_steps = np.rint(time / model.opt.timestep).astype(int).tolist()
     states = np.empty((len(time), model.nq))
     touches: list[frozenset[tuple[int, int]]] = []
     watch = _TouchWatch(model)
@@ -123,13 +146,13 @@ def _simulate(
     qpos = data.qpos
     control = data.ctrl
     for step, targets in enumerate(commands.targets):
-        if len(touches) < len(record_steps) and step == record_steps[len(touches)]:
+        while len(touches) < len(record_steps) and step == record_steps[len(touches)]:
             states[len(touches)] = qpos
             touches.append(watch.take())
         control[:] = targets
         mujoco.mj_step(model, data)
         watch.look(data)
-    return states, touches
+    return _Simulated(states, touches, not any(data.warning[kind].number for kind in DIVERGENCE))
 
 
 class _TouchWatch:

@@ -26,13 +26,18 @@ FINGER_INERTIA = 1.0
 """Inertia of the drive that each of the two fingers feels [kg]."""
 
 PAD_HALF_SIZE = (0.0085, 0.004, 0.009)
-"""Half extents of a finger's pad across the finger, along the closing axis, and along the finger [m]."""
+"""Half extents of a finger's pad across the finger, along the closing axis, and along the finger [m]. The corners of
+the pad reach up to 6 mm over the finger's collision capsule, as those of the real finger do."""
 
 PAD_CONTACT_TIME = 0.004
 """Time constant of the contacts of a pad [s]; at least twice the time step."""
 
-TORSION = 0.01
-"""Coefficient of torsional friction of a pad [m], about half the radius of its contact."""
+PAD_TORSION = 2 / 3 * PAD_HALF_SIZE[0]
+"""Torsional friction of a pad as a multiple of its sliding friction [m]: a disc of the radius R that presses evenly
+resists a turn about its axis with the torque ``2/3 friction R force``."""
+
+TORSION = 0.005
+"""Coefficient of torsional friction of all other bodies, MuJoCo's default [m]."""
 
 ROLLING = 0.0001
 """Coefficient of rolling friction, MuJoCo's default [m]."""
@@ -102,7 +107,7 @@ def _add_pad(
         mass=0.0,
         condim=4,
         priority=1,
-        friction=[conditions.friction, TORSION, ROLLING],
+        friction=[conditions.friction, PAD_TORSION * conditions.friction, ROLLING],
         solref=[PAD_CONTACT_TIME, 1.0],
         solimp=[0.99, 0.999, 0.0005, 0.5, 2.0],
     )

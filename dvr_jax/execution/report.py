@@ -13,7 +13,7 @@ class DeviationCause(StrEnum):
     """An arm touched the object while it stood, and grasps it next."""
 
     COLLISION = "hit while it stood"
-    """Another arm, or an object that an arm carries, touched the object while it stood."""
+    """The object moved while it stood: something touched it that is not the arm that grasps it next."""
 
     SLIPPED = "slipped in the gripper"
     """The object moved in the gripper that holds it."""
@@ -71,6 +71,9 @@ class ExecutionReport:
 
     succeeded: bool
     """Whether the goal holds at the end."""
+
+    is_stable: bool
+    """False if the simulation diverged; then nothing else of the report means anything."""
 
     objects: tuple[ObjectResult, ...]
     """Every object at the end."""

@@ -56,7 +56,8 @@ def test_refusals(tmp_path: Path, case: Case) -> None:
         (["--repeat", "0"], "--repeat is 0; valid is 1 or more."),
         (["--friction", "1.2", "0.6"], "the friction is 1.2 to 0.6; valid is the smaller number"),
         (["--friction", "-1", "1"], "the friction is -.*; valid is 0 to 10."),
-        (["--object-noise", "nan"], "the object noise is nan; valid is 0 to 0.1."),
+        (["--object-noise", "200"], "the object noise is 0.2 m; valid is 0 to 0.1 m."),
+        (["--repeat", "2", "--out", "x.gif"], "--out names an animation, and repeated"),
     ):
         with pytest.raises(OptionError, match=message):
             execute.main([str(tmp_path), *options])
