@@ -46,7 +46,10 @@ def describe_origins(origins: Sequence[Origin]) -> str:
     parts = []
     for origin in dict.fromkeys(origins):
         parts.append(f"version {origin.version} ({origin.machine}, {origin.cores} cores)")
-    return f"Measured with {' and '.join(parts)}."
+    *others, last = parts
+    if not others:
+        return f"Measured with {last}."
+    return f"Measured with {', '.join(others)} and {last}."
 
 
 @dataclass(frozen=True)

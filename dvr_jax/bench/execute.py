@@ -20,6 +20,7 @@ from dvr_jax.bench.scenes import (
 )
 from dvr_jax.execution import execute
 from dvr_jax.execution.repetition import ConditionRange
+from dvr_jax.execution.report import NO_DEVIATION
 from dvr_jax.runtime.processes import worker_processes
 
 MILLIMETERS = 1e3
@@ -53,8 +54,9 @@ def _execute_one(options: ExecuteOptions, index: int) -> Row:
     report = execute(plan.scene, plan.actions, plan.motion, conditions).report
     row["succeeded"] = report.succeeded
     row["duration"] = round(float(plan.motion.time[-1]), 3)
+    if not report.succeeded:
+        row["cause"] = report.failure
     if report.deviation is not None:
-        row["cause"] = report.deviation.cause.value
         row["deviation"] = report.deviation.sentence()
     return row
 
@@ -100,7 +102,7 @@ def run(arguments: list[str]) -> int:
         _print_share(f"length {length}", [row for row in executed if row["length"] == length])
 
     failed = [row for row in executed if not row["succeeded"]]
-    causes = Counter(row.get("cause", "no object left its plan") for row in failed)
+    causes = Counter(row.get("cause", NO_DEVIATION) for row in failed)
     for cause, count in causes.most_common():
         print(f"  {count} failed: {cause}")
     return 0
@@ -119,4 +121,4 @@ def _outcome(row: Row) -> str:
         return str(row["status"])
     if row["succeeded"]:
         return "succeeds"
-    return f"fails: {row.get('deviation', 'no object left its plan')}"
+    return f"fails: {row.get('deviation', row['cause'])}"

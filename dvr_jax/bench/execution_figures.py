@@ -10,6 +10,7 @@ from dvr_jax.bench.committed import CommittedResults, RowsFile, describe_origins
 from dvr_jax.bench.figure_cells import objects_in_words
 from dvr_jax.bench.markdown import EMPTY, listing, percent, table
 from dvr_jax.bench.paper import LENGTHS
+from dvr_jax.execution.report import NO_DEVIATION
 
 
 def execution(results: CommittedResults) -> str:
@@ -29,7 +30,7 @@ def causes(results: CommittedResults) -> str:
         for row in file.rows
         if "succeeded" in row and not row["succeeded"]
     ]
-    counts = Counter(str(row.get("cause", "no object left its plan")) for row in failed)
+    counts = Counter(str(row.get("cause", NO_DEVIATION)) for row in failed)
     return table(
         ["first cause of a failure", "failures"],
         [[cause, f"{count:,}"] for cause, count in counts.most_common()],

@@ -121,7 +121,7 @@ def _repeat(plan: Plan, variation: ConditionRange, options: ExecuteOptions) -> i
     for index, report in enumerate(reports):
         succeeded += report.succeeded
         if not report.succeeded:
-            causes[_cause(report)] += 1
+            causes[report.failure] += 1
         print(f"  execution {index}: {_verdict(report)}", file=sys.stderr, flush=True)
 
     print(f"the goal holds after {succeeded} of {options.repeat} executions")
@@ -133,15 +133,8 @@ def _repeat(plan: Plan, variation: ConditionRange, options: ExecuteOptions) -> i
 def _verdict(report: ExecutionReport) -> str:
     """Return whether the goal holds, in words."""
     if not report.is_stable:
-        return "the simulation diverged"
+        return report.failure
     return "the goal holds" if report.succeeded else "the goal does not hold"
-
-
-def _cause(report: ExecutionReport) -> str:
-    """Return why an execution failed, in words."""
-    if report.deviation is None:
-        return "no object left its plan"
-    return report.deviation.cause.value
 
 
 def _animate(path: Path, plan: Plan, execution: Execution) -> None:

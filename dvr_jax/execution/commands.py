@@ -98,6 +98,7 @@ def servo_commands(
         conditions: The grip force.
         duration: Time of the last step [s]; after the motion its last targets are held.
     """
+    # The reference of all joints and fingers in each step; after the motion it stays at its last point.
     layout = qpos_layout(scene)
     time = model.opt.timestep * np.arange(round(duration / model.opt.timestep) + 1)
     moving = np.minimum(time, motion.time[-1] - motion.time[0])
@@ -108,6 +109,7 @@ def servo_commands(
     position = reference(moving).reshape(len(time), *driven.shape)
     speed = reference(moving, 1).reshape(len(time), *driven.shape)
 
+    # The target of each servo, by its own gains.
     targets = np.zeros((len(time), model.nu))
     joints = layout.arm_joints.shape[1]
     for arm, name in enumerate(scene.workcell.arm_names):

@@ -90,7 +90,7 @@ def execute(
         succeeded=simulated.is_stable and goal_holds(scene, timeline, states[-1]),
         is_stable=simulated.is_stable,
         objects=_results(scene, layout, motion.qpos[-1], states[-1]),
-        deviation=find_deviation(model, executed),
+        deviation=find_deviation(model, executed) if simulated.is_stable else None,
         duration=float(time[-1]),
     )
     return Execution(report, time, states)

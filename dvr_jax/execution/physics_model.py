@@ -67,7 +67,7 @@ def build_execution_model(scene: Scene, conditions: ExecutionConditions) -> mujo
     for arm in scene.workcell.arm_names:
         _release_from_gravity(spec.body(f"{arm}/base"))
         for finger in FINGERS:
-            _add_pad(spec, scene, f"{arm}/{finger}", conditions)
+            _add_pad(spec, f"{arm}/{finger}", conditions)
         _couple_fingers(spec, arm)
 
     # The target of a servo leads its joint by the product of the joint's speed and of the servo's time constant.
@@ -86,9 +86,7 @@ def _release_from_gravity(body: mujoco.MjsBody) -> None:
         child = body.next_body(child)
 
 
-def _add_pad(
-    spec: mujoco.MjSpec, scene: Scene, finger: str, conditions: ExecutionConditions
-) -> None:
+def _add_pad(spec: mujoco.MjSpec, finger: str, conditions: ExecutionConditions) -> None:
     """Put a flat pad on the inner side of a finger, around the gripper center."""
     body = spec.body(finger)
     joint = body.joints[0]

@@ -5,6 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
+NO_DEVIATION = "no object left its plan"
+"""Why an execution failed in which the goal was missed by less than counts as a deviation."""
+
+DIVERGED = "the simulation diverged"
+"""Why an execution failed whose numbers mean nothing."""
+
 
 class DeviationCause(StrEnum):
     """Why an object first left the pose that the plan has for it."""
@@ -79,7 +85,16 @@ class ExecutionReport:
     """Every object at the end."""
 
     deviation: Deviation | None
-    """The first deviation; None if every object followed the plan to the end."""
+    """The first deviation; None if every object followed the plan to the end, or if the simulation diverged."""
 
     duration: float
     """Simulated time [s]."""
+
+    @property
+    def failure(self) -> str:
+        """Why the execution failed, in words; empty if it succeeded."""
+        if self.succeeded:
+            return ""
+        if not self.is_stable:
+            return DIVERGED
+        return self.deviation.cause.value if self.deviation else NO_DEVIATION

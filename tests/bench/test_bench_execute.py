@@ -5,7 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from puppet_plans import carried_box, plan_of, with_closed_fingers
+from puppet import carried_box
+from puppet_plans import plan_of, with_closed_fingers
 
 from dvr_jax.bench import execute
 from dvr_jax.bench.committed import CommittedResults

@@ -1,31 +1,25 @@
 """The motions that most tests of the check start from."""
 
 import pytest
-from puppet import Case, carry_to_goal, handover_of_a_bar
-
-from dvr_jax.scene.types import SceneObject
+from puppet import Case, carried_box, carried_tin, handover_of_a_bar
 
 
 @pytest.fixture(scope="session")
 def carry() -> Case:
     """A box is carried onto the goal."""
-    return carry_to_goal(
-        SceneObject("yellow", "box", (0.05, 0.08, 0.10), (-0.20, 0.20), 0.3), 0.025
-    )
+    return carried_box()
 
 
 @pytest.fixture(scope="session")
 def carry_cylinder() -> Case:
     """A cylinder is carried onto the goal."""
-    return carry_to_goal(SceneObject("tin", "cylinder", (0.03, 0.10), (-0.20, 0.20), 0.3), 0.03)
+    return carried_tin()
 
 
 @pytest.fixture(scope="session")
 def carry_beside() -> Case:
     """The same, grasped 1 cm beside the cylinder's axis."""
-    return carry_to_goal(
-        SceneObject("tin", "cylinder", (0.03, 0.10), (-0.20, 0.20), 0.3), 0.03, offset=0.01
-    )
+    return carried_tin(offset=0.01)
 
 
 @pytest.fixture(scope="session")

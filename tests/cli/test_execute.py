@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 from PIL import Image
-from puppet import Case
-from puppet_plans import carried_box, plan_of, with_closed_fingers
+from puppet import Case, carried_box
+from puppet_plans import plan_of, with_closed_fingers
 
 from dvr_jax.cli import execute
 from dvr_jax.errors import DataError, OptionError

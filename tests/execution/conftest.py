@@ -1,23 +1,19 @@
 """The motions that the tests of the execution start from: made by hand, with room between fingers and objects."""
 
 import pytest
-from puppet import Case, carry_to_goal, handover_of_a_bar
-
-from dvr_jax.scene.types import SceneObject
+from puppet import Case, carried_box, carried_tin, handover_of_a_bar
 
 
 @pytest.fixture(scope="session")
 def carry() -> Case:
     """A box is carried onto the goal."""
-    box = SceneObject("yellow", "box", (0.05, 0.08, 0.10), (-0.20, 0.20), 0.3)
-    return carry_to_goal(box, 0.025)
+    return carried_box()
 
 
 @pytest.fixture(scope="session")
 def carry_cylinder() -> Case:
     """A cylinder is carried onto the goal."""
-    tin = SceneObject("tin", "cylinder", (0.03, 0.10), (-0.20, 0.20), 0.3)
-    return carry_to_goal(tin, 0.03)
+    return carried_tin()
 
 
 @pytest.fixture(scope="session")

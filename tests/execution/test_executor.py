@@ -109,6 +109,14 @@ def test_a_motion_of_small_or_large_steps_is_recorded_whole(carry: Case) -> None
         assert done.report.deviation is None
 
 
+def test_a_simulation_that_diverges_says_so(carry: Case) -> None:
+    qpos = carry.motion.qpos.copy()
+    qpos[0, qpos_layout(carry.scene).objects[1, 2]] = 1e11
+    report = executed(replace(carry, motion=Motion(carry.motion.time, qpos, carry.motion.switch)))
+    assert not report.is_stable and not report.succeeded
+    assert (report.deviation, report.failure) == (None, "the simulation diverged")
+
+
 def test_a_motion_of_another_scene_is_refused(carry: Case) -> None:
     with pytest.raises(MotionError, match="one an action"):
         execute(carry.scene, carry.actions[:1], carry.motion)

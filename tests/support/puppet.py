@@ -169,6 +169,19 @@ def carry_to_goal(item: SceneObject, half_width: float, offset: float = 0.0) -> 
     return Case(scene, actions, puppet.motion())
 
 
+def carried_box() -> Case:
+    """A box that is carried onto the goal."""
+    return carry_to_goal(
+        SceneObject("yellow", "box", (0.05, 0.08, 0.10), (-0.20, 0.20), 0.3), 0.025
+    )
+
+
+def carried_tin(offset: float = 0.0) -> Case:
+    """A cylinder that is carried onto the goal. `offset`: of the grasp, beside the cylinder's axis."""
+    tin = SceneObject("tin", "cylinder", (0.03, 0.10), (-0.20, 0.20), 0.3)
+    return carry_to_goal(tin, 0.03, offset)
+
+
 def carry_in_workcell(workcell: Workcell, arm: int, fixed: tuple[FixedBody, ...] = ()) -> Case:
     """An arm of any workcell carries a box from its left to its right; `fixed`: in the frame of the arm's base."""
     base = workcell.arms[arm]

@@ -1,19 +1,12 @@
 """Plans whose motions are made by hand: one that succeeds in physics, and one whose closed fingers push the object."""
 
-from puppet import Case, carry_to_goal
+from puppet import Case
 
 from dvr_jax.checker.replay import check_motion
 from dvr_jax.motion.motion import Motion
 from dvr_jax.planning.result import Plan
 from dvr_jax.scene.layout import qpos_layout
-from dvr_jax.scene.types import SceneObject
 from dvr_jax.search.status import PlanStatus
-
-
-def carried_box() -> Case:
-    """A box that is carried onto the goal."""
-    box = SceneObject("yellow", "box", (0.05, 0.08, 0.10), (-0.20, 0.20), 0.3)
-    return carry_to_goal(box, 0.025)
 
 
 def with_closed_fingers(case: Case) -> Motion:
