@@ -4,8 +4,8 @@ An object has left its plan when it is farther from its planned pose than `LARGE
 cause lies earlier, at the *onset*: the first record after which it was no longer near that pose. What the plan does
 with the object at the onset, and what touches it there, tell the cause.
 
-Near means within a fifth of the limits, beyond what the object was off when the interval of its attachment began: an
-object that is grasped a little beside its planned place is carried so.
+Near means within a fifth of the limits. An object that was displaced at the start is expected there until its grasp,
+and may be off by as much afterwards: it is carried as it was grasped.
 """
 
 from __future__ import annotations
@@ -109,8 +109,8 @@ def find_deviation(model: mujoco.MjModel, executed: ExecutedMotion) -> Deviation
         excess = np.maximum(distance / LARGEST_DISPLACEMENT, turn / LARGEST_TURN)
         beyond = np.flatnonzero(excess > 1)
         if len(beyond):
-            allowed = ONSET_FRACTION + _offsets(executed, index, excess)
-            near = np.flatnonzero((excess <= allowed)[: beyond[0]])
+            allowed = ONSET_FRACTION + _initial_offset(executed, index)
+            near = np.flatnonzero(excess[: beyond[0]] <= allowed)
             onset = int(near[-1]) + 1 if len(near) else 0
             onsets.append((onset, index, int(beyond[0])))
     if not onsets:
@@ -139,15 +139,11 @@ def _planned_states(executed: ExecutedMotion) -> Float[np.ndarray, "records nq"]
     return planned
 
 
-def _offsets(
-    executed: ExecutedMotion, index: int, excess: Float[np.ndarray, " records"]
-) -> Float[np.ndarray, " records"]:
-    """Return for each record how far an object was off when the interval of its attachment began."""
-    offsets = np.zeros_like(excess)
-    for interval in executed.timeline.intervals:
-        if interval.object == index:
-            offsets[interval.start :] = excess[interval.start]
-    return offsets
+def _initial_offset(executed: ExecutedMotion, index: int) -> float:
+    """Return how far an object was displaced at the start, as a fraction of `LARGEST_DISPLACEMENT`."""
+    columns = executed.layout.objects[index]
+    distance, _ = differences(executed.motion.qpos[:1, columns], executed.states[:1, columns])
+    return float(distance[0]) / LARGEST_DISPLACEMENT
 
 
 def _cause(

@@ -78,6 +78,21 @@ def test_closed_fingers_push_what_they_should_grasp(carry: Case) -> None:
     assert "was pushed before its grasp" in report.deviation.sentence()
 
 
+def test_a_push_that_ends_in_a_grasp_is_a_push(carry: Case) -> None:
+    """The arm comes down 8 mm beside its way, pushes the box, and lifts it there."""
+    layout = qpos_layout(carry.scene)
+    item = layout.objects[carry.scene.object_index("yellow")]
+    qpos = carry.motion.qpos.copy()
+    # The box is planned across the closing axis from where the fingers come down, so that one of them shifts it.
+    axis = np.array([np.cos(0.3), np.sin(0.3)])
+    qpos[:, item[:2]] += 0.009 * axis
+    shifted = replace(carry, motion=Motion(carry.motion.time, qpos, carry.motion.switch))
+    report = executed(with_travel(shifted, slice(None, int(carry.motion.switch[0]) - 40), 0.03))
+    assert report.deviation is not None
+    assert report.deviation.cause is DeviationCause.PUSHED
+    assert report.deviation.time < carry.motion.time[carry.motion.switch[0]]
+
+
 def test_an_opened_gripper_drops_its_object(carry: Case) -> None:
     first, last = carry.motion.switch
     middle = int(first + last) // 2
