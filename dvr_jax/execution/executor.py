@@ -82,7 +82,12 @@ def execute(
     model = build_execution_model(scene, conditions)
     time = motion.step * np.arange(len(motion.time) + math.ceil(SETTLING / motion.step))
     commands = servo_commands(model, scene, motion, grips, conditions, float(time[-1]))
-    simulated = _simulate(model, commands, _first_state(motion, layout, conditions), time)
+    # Without a handler, MuJoCo writes its warnings into a file in the working folder; here they end up in the report.
+    mujoco.set_mju_user_warning(lambda warning: None)
+    try:
+        simulated = _simulate(model, commands, _first_state(motion, layout, conditions), time)
+    finally:
+        mujoco.set_mju_user_warning(None)
 
     states = simulated.states
     executed = ExecutedMotion(scene, motion, timeline, grips, layout, states, simulated.touches)

@@ -1,6 +1,7 @@
 """Executed motions: what should succeed succeeds, and what goes wrong is found with its time and cause."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -124,12 +125,17 @@ def test_a_motion_of_small_or_large_steps_is_recorded_whole(carry: Case) -> None
         assert done.report.deviation is None
 
 
-def test_a_simulation_that_diverges_says_so(carry: Case) -> None:
+def test_a_simulation_that_diverges_says_so(
+    carry: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     qpos = carry.motion.qpos.copy()
     qpos[0, qpos_layout(carry.scene).objects[1, 2]] = 1e11
     report = executed(replace(carry, motion=Motion(carry.motion.time, qpos, carry.motion.switch)))
     assert not report.is_stable and not report.succeeded
     assert (report.deviation, report.failure) == (None, "the simulation diverged")
+    # MuJoCo's own file of warnings.
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_motion_of_another_scene_is_refused(carry: Case) -> None:
