@@ -1,6 +1,7 @@
 """Signed distances of everything that can touch, for many slices at once, and the contact wrenches of chosen rows.
 
-Rows are those of `dvr_jax.nlp.collision_rows`. A row that does not count in a slice (an object and the hand that holds
+The distance of a row is that of its two bodies less the clearance that they keep (`dvr_jax.workcell.clearances`), so a
+negative one is a violation. Rows are those of `dvr_jax.nlp.collision_rows`. A row that does not count in a slice (an object and the hand that holds
 it, two bodies that stand where the scene has them, an absent object) has the distance `FAR` and a zero wrench.
 
 A capsule's distance to a body is expensive, and nearly all of them are far: there a lower bound is taken in its place,
@@ -92,8 +93,9 @@ def measure_contacts(
     objects: ObjectPoses,
     kind: Int[Array, "objects slices"],
     bodies: Bodies,
+    clearance: Float[Array, "body_rows slices"],
 ) -> tuple[Float[Array, "rows slices"], Contacts]:
-    """Distances of all rows [m], and what their wrenches are computed from.
+    """Distances of all rows less their clearances [m], and what their wrenches are computed from.
 
     Args:
         model: Arms of the workcell.
@@ -102,8 +104,12 @@ def measure_contacts(
         objects: Poses of the objects.
         kind: `ModeKind` of each object.
         bodies: Poses and shapes of the objects and the fixed bodies.
+        clearance: Distances that hands, objects and fixed bodies keep (`dvr_jax.nlp.body_clearances`) [m].
     """
     L = starts.shape[-1]
+    N = kind.shape[0]
+    A = model.structure.number_of_arms
+    of_hands, of_objects, of_pairs = jnp.split(clearance, [A * N, A * N + N])
     segments = _flatten(model, starts, ends)
     between_capsules = _between_capsules(model, starts, ends)
     on_table = table_capsules(model.structure)
@@ -112,17 +118,21 @@ def measure_contacts(
     )
 
     ignored = _ignored_capsules(model, objects, kind, bodies)
+    keep = _capsule_clearances(model, of_hands.reshape(A, N, L), bodies.position.shape[1])
     near, axis_position = _capsules_and_bodies(
-        segments, bodies, materialize(ignored.reshape(-1, L))
+        segments, bodies, materialize(ignored.reshape(-1, L)), keep
     )
 
-    N = kind.shape[0]
-    standing_distance, standing_wrench = _masked(
-        *prism_plane(objects.rotation, objects.position, bodies.prism[:, :N]), ~objects.held.any(0)
+    above_table = jnp.tile(jnp.asarray(model.table_clearances, starts.dtype), A)[:, None]
+    above_support, standing_wrench = prism_plane(
+        objects.rotation, objects.position, bodies.prism[:, :N]
     )
-    others = [(table_distance, table_wrench), (standing_distance, standing_wrench)]
+    others = [
+        (table_distance - above_table, table_wrench),
+        _masked(above_support - of_objects, standing_wrench, ~objects.held.any(0)),
+    ]
     if len(object_pairs(N, bodies.position.shape[1] - N)[0]):
-        others.append(_between_bodies(bodies, kind))
+        others.append(_between_bodies(bodies, kind, of_pairs))
     distances, wrenches = zip(*materialize(others), strict=True)
 
     contacts = Contacts(segments, bodies, axis_position, jnp.concatenate(wrenches, axis=1))
@@ -140,7 +150,10 @@ def _flatten(model: WorkcellModel, starts: Array, ends: Array) -> Segments:
 def _between_capsules(
     model: WorkcellModel, starts: Array, ends: Array
 ) -> Float[Array, "pairs slices"]:
-    """Distances of all capsule pairs, rectangle by rectangle, since picking each pair's ends takes longer."""
+    """Distances of all capsule pairs less their clearances, rectangle by rectangle.
+
+    Picking each pair's ends takes longer.
+    """
     radii = jnp.asarray(model.capsule_radii, starts.dtype)[:, None]
     structure = model.structure
     every = slice(None)
@@ -160,15 +173,41 @@ def _between_capsules(
         ).reshape(-1, starts.shape[-1])
         for a, b, near, far in rectangles
     ]
-    return (
-        jnp.concatenate(distances) if distances else jnp.zeros((0, starts.shape[-1]), starts.dtype)
+    if not distances:
+        return jnp.zeros((0, starts.shape[-1]), starts.dtype)
+
+    # Capsules of one arm keep no distance: they reach beyond its links.
+    number = len(structure.cross_pairs)
+    keep = jnp.asarray(model.arm_clearance, starts.dtype)
+    return jnp.concatenate([*[value - keep for value in distances[:number]], *distances[number:]])
+
+
+def _capsule_clearances(
+    model: WorkcellModel, of_hands: Float[Array, "arms objects slices"], number_of_bodies: int
+) -> Float[Array, "bodies arm_capsules slices"]:
+    """Distance that each capsule keeps from each body [m]."""
+    structure = model.structure
+    C = structure.number_of_capsules
+    arms, objects, L = of_hands.shape
+    is_hand = np.zeros(C, bool)
+    is_hand[list(structure.holding_capsules)] = True
+
+    of_fixed = jnp.full(
+        (arms, number_of_bodies - objects, L), jnp.asarray(model.hand_clearance, of_hands.dtype)
     )
+    hands = jnp.concatenate([of_hands, of_fixed], axis=1).swapaxes(0, 1)
+    links = jnp.asarray(model.link_clearance, of_hands.dtype)
+    keep = jnp.where(is_hand[:, None], hands[:, :, None], links)
+    return keep.reshape(number_of_bodies, arms * C, L)
 
 
 def _ignored_capsules(
     model: WorkcellModel, objects: ObjectPoses, kind: Array, bodies: Bodies
 ) -> Bool[Array, "bodies arm_capsules slices"]:
-    """Pairs of a body and a capsule that do not count: what a hand holds, and absent objects."""
+    """Pairs of a body and a capsule that do not count.
+
+    These are what a hand holds, absent objects, and bases with what stands where the scene has it: neither moves.
+    """
     structure = model.structure
     C = structure.number_of_capsules
     holds = np.zeros(C, bool)
@@ -181,13 +220,19 @@ def _ignored_capsules(
         ignored = ignored | (objects.held[arm][:, None] & own[:, None])
 
     fixed = bodies.position.shape[1] - kind.shape[0]
-    return jnp.pad(ignored, [(0, fixed), (0, 0), (0, 0)])
+    ignored = jnp.pad(ignored, [(0, fixed), (0, 0), (0, 0)])
+    of_base = np.tile(np.array(structure.capsule_links) == 0, structure.number_of_arms)
+    stands = jnp.pad(kind == ModeKind.FIXED, [(0, fixed), (0, 0)], constant_values=True)
+    return ignored | (stands[:, None] & of_base[:, None])
 
 
 def _capsules_and_bodies(
-    segments: Segments, bodies: Bodies, ignored: Bool[Array, "pairs slices"]
+    segments: Segments,
+    bodies: Bodies,
+    ignored: Bool[Array, "pairs slices"],
+    clearance: Float[Array, "bodies arm_capsules slices"],
 ) -> tuple[Float[Array, "pairs slices"], Float[Array, "pairs slices"]]:
-    """Distances [m] of capsules and bodies, `FAR` where ignored, and where on the axes they are taken."""
+    """Distances less clearances [m] of capsules and bodies, `FAR` where ignored, and where on the axes they are taken."""
     a = segments.start
     b = segments.end
     capsules = a.shape[1]
@@ -201,7 +246,7 @@ def _capsules_and_bodies(
     )
     bound, _ = point_prism(local, bodies.prism[:, :, None])
     bound = materialize(
-        jnp.where(ignored, FAR, (bound - sphere_radius).reshape(number * capsules, L))
+        jnp.where(ignored, FAR, (bound - sphere_radius - clearance).reshape(number * capsules, L))
     )
 
     # The exact distance of the near pairs, some at a time.
@@ -225,6 +270,7 @@ def _capsules_and_bodies(
 
     middles = jnp.where(ignored, -1, jnp.full_like(bound, 0.5))
     exact = jnp.take(found, slot(active), axis=1)
+    exact = exact.at[0].add(-clearance.reshape(number * capsules, L))
     distance, position = jnp.where(active.mask, exact, jnp.stack([bound, middles]))
     return distance, position
 
@@ -251,9 +297,9 @@ def _measure_pairs(
 
 
 def _between_bodies(
-    bodies: Bodies, kind: Array
+    bodies: Bodies, kind: Array, clearance: Float[Array, "pairs slices"]
 ) -> tuple[Float[Array, "pairs slices"], SpatialVector]:
-    """Distances [m] and wrenches of two objects, and of an object and a fixed body."""
+    """Distances less clearances [m] and wrenches of two objects, and of an object and a fixed body."""
     N = kind.shape[0]
     fixed = bodies.position.shape[1] - N
     first, second = object_pairs(N, fixed)
@@ -265,7 +311,8 @@ def _between_bodies(
     absent = all_kinds == ModeKind.ABSENT
     stands = all_kinds == ModeKind.FIXED
     ignored = absent[first] | absent[second] | (stands[first] & stands[second])
-    return _masked(*prism_prism(*materialize((*pick(first), *pick(second)))), ignored)
+    distance, wrench = prism_prism(*materialize((*pick(first), *pick(second))))
+    return _masked(distance - clearance, wrench, ignored)
 
 
 def _masked(distance: Array, wrench: SpatialVector, ignored: Array) -> tuple[Array, SpatialVector]:

@@ -47,6 +47,7 @@ def lay_out(problems: Problem, x: Variables) -> Slices:
         base_poses=_repeat(jnp.concatenate([axes, origins[None]]), samples),
         attached=jax.tree.map(lambda value: _phases_to_slices(value, samples), attached),
         prism=_repeat(prism.transpose(2, 1, 0), samples),
+        clearance=jnp.repeat(problems.clearance, M, axis=1).reshape(B * samples, -1).T,
         fixed_pose=_repeat(jnp.asarray(problems.fixed_pose).transpose(2, 1, 0), samples),
     )
 

@@ -100,6 +100,12 @@ class Problem(NamedTuple):
     support: Float[Array, "*batch phases 5"]
     """Rectangle on which the object is placed: center x, y [m], yaw [rad], half extents [m]; zeros for a grasp."""
 
+    phase_clearance: Float[Array, "*batch phases 3 body_rows"]
+    """Clearances of each part of each phase (`dvr_jax.nlp.body_clearances`) [m]."""
+
+    clearance: Float[Array, "*batch slices body_rows"]
+    """Those of them that apply in the interval before each slice and at the slice [m]."""
+
     sample_fraction: Float[Array, "*batch slices samples"]
     """Where in the interval before each slice distances are evaluated, from 0 (the previous slice) to 1 (this slice).
     The fractions increase, and the last one is 1. Keyframes have a single sample, because no motion connects them."""

@@ -64,6 +64,9 @@ class Slices(NamedTuple):
     prism: Float[Array, "4 bodies slices"]
     """Shapes of the objects, then of the fixed bodies, as prisms (hx, hy, hz, r) [m]."""
 
+    clearance: Float[Array, "body_rows slices"]
+    """Distances that hands, objects and fixed bodies keep (`dvr_jax.nlp.body_clearances`) [m]."""
+
     fixed_pose: Float[Array, "4 fixed slices"]
     """Poses of the fixed bodies: x, y, z of the center [m] and yaw [rad]."""
 
@@ -72,7 +75,7 @@ class SliceGeometry(NamedTuple):
     """Distances of L slices, and what their derivatives by the C columns (see the module) are computed from."""
 
     distance: Float[Array, "slices rows"]
-    """Signed distances [m], rows as in `dvr_jax.nlp.collision_rows`."""
+    """Signed distances less the clearances [m], rows as in `dvr_jax.nlp.collision_rows`."""
 
     contacts: Contacts
     """Contact geometry from which the wrenches of chosen rows are computed."""
@@ -119,7 +122,7 @@ def measure(model: WorkcellModel, slices: Slices) -> SliceGeometry:
     objects = materialize(object_poses(slices.attached, hands))
     bodies = _all_bodies(slices, objects.rotation, objects.position)
     distance, contacts = measure_contacts(
-        model, starts, ends, objects, slices.attached.kind, bodies
+        model, starts, ends, objects, slices.attached.kind, bodies, slices.clearance
     )
 
     columns = jnp.concatenate([screws, objects.twists.reshape(6, -1, L)], axis=1)

@@ -15,6 +15,7 @@ from dvr_jax.errors import DvrError
 from dvr_jax.geometry.footprint import Rectangle
 from dvr_jax.logic import Action
 from dvr_jax.modes.mode import PARAMETERS, ModeKind
+from dvr_jax.nlp.body_clearances import PhasePart, body_clearances
 from dvr_jax.nlp.problem import Problem
 from dvr_jax.operators import (
     OPERATORS,
@@ -54,6 +55,7 @@ def transcribe(
     number = len(actions)
     arms = range(scene.workcell.number_of_arms)
     home = np.array(scene.home, dtype=float).reshape(-1)
+    clearance = body_clearances(scene, states, switches)
 
     return Problem(
         prism=_floats([item.kind.prism(item.size) for item in scene.objects], 4),
@@ -79,6 +81,8 @@ def transcribe(
         parameter_lower=_floats([switch.lower for switch in switches], PARAMETERS),
         parameter_upper=_floats([switch.upper for switch in switches], PARAMETERS),
         support=_floats([_support_numbers(switch.support) for switch in switches], 5),
+        phase_clearance=clearance,
+        clearance=clearance[:, PhasePart.END],
         sample_fraction=np.ones((number, 1)),
         sample_offset=np.zeros((number, 1, len(home))),
     )

@@ -67,6 +67,27 @@ def support_rectangle(scene: Scene, support: str) -> Rectangle:
     return scene.goal.supports()[support]
 
 
+def _clear_rectangle(scene: Scene, name: str, support: str) -> Rectangle:
+    """Return the part of a support in which the footprint of an object stays.
+
+    It keeps the clearance from the edges of a region. Where the footprint, with sides parallel to those of the region,
+    has less room than that, it is centered.
+    """
+    rectangle = support_rectangle(scene, support)
+    if support == TABLE_SUPPORT:
+        return rectangle
+
+    item = scene.objects[scene.object_index(name)]
+    hx, hy, _, radius = item.kind.prism(item.size)
+    width, depth = rectangle.half
+    room = max(
+        min(width - hx - radius, depth - hy - radius),
+        min(width - hy - radius, depth - hx - radius),
+    )
+    edge = min(scene.workcell.clearances.region_edge, max(room, 0.0))
+    return Rectangle(rectangle.center, (width - edge, depth - edge), rectangle.yaw)
+
+
 def _refute(scene: Scene, action: Action) -> str | None:
     """Return why an object does not fit on a region, or None."""
     _, name, support = action.arguments
@@ -103,7 +124,7 @@ def _switch(state: SkeletonState, action: Action) -> ModeSwitch:
         lower=(-FREE, -FREE, -FREE, 0.0),
         upper=(FREE, FREE, FREE, 0.0),
         finger_opening=tuple(opening),
-        support=support_rectangle(state.scene, support),
+        support=_clear_rectangle(state.scene, name, support),
     )
 
 

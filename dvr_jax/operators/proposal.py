@@ -50,6 +50,9 @@ class BeamStep(NamedTuple):
     finger_opening: Float[Array, "prefixes arms"]
     """Distance of each finger from its hand's middle plane at the switch [m]."""
 
+    clearance: Float[Array, "prefixes body_rows"]
+    """Distances that hands, objects and fixed bodies keep (`dvr_jax.nlp.body_clearances`) [m]."""
+
     depth: Int[Array, " prefixes"]
     """Number of the action in its sequence, from 0."""
 

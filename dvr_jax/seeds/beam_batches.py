@@ -127,6 +127,7 @@ def beam_step(problem: Problem, proposal: Proposal) -> BeamStep:
         base_rotation=number(problem.base_rotation),
         base_position=number(problem.base_position),
         home=number(problem.home),
+        clearance=number(problem.clearance[k]),
         finger_opening=number(np.maximum(problem.finger_opening[k], problem.finger_opening[k + 1])),
         depth=np.int32(k),
         acting_arm=np.int32(acting),

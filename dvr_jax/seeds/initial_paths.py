@@ -9,6 +9,7 @@ from jaxtyping import Float
 from scipy.interpolate import PchipInterpolator
 
 from dvr_jax.modes.mode import ModeKind
+from dvr_jax.nlp.body_clearances import PhasePart
 from dvr_jax.nlp.problem import Problem, Variables, number_of_phases
 from dvr_jax.seeds.keyframe_beam import KeyframeBeam
 from dvr_jax.solver.continuous_collision import PATH_SAMPLES, even_fractions, place_samples
@@ -29,6 +30,12 @@ CLEARANCE = 0.08
 
 STEPS_PER_PHASE = 10
 """Number of slices of a path in each phase."""
+
+LEAVING_STEPS = 1
+"""Number of intervals after a switch in which hands and objects are still near what they leave."""
+
+COMING_STEPS = 2
+"""Number of intervals before a switch in which they are already near: one to come, one in which the fingers move."""
 
 SHIFT_LANES = 16
 """The number of postures that are shifted in one call is a multiple of this, so that few sizes are compiled."""
@@ -120,11 +127,26 @@ def path_problem(problem: Problem, start: Variables, samples: int = PATH_SAMPLES
     at_rest = np.array(problem.arm_at_rest)
     at_rest[-1] = 1
     path = problem._replace(
+        clearance=_path_clearances(problem, S),
         regularization_target=start.q,
         regularization_weight=weight,
         arm_at_rest=at_rest,
     )
     return place_samples(path, np.asarray(start.q), even_fractions(T, samples))
+
+
+def _path_clearances(problem: Problem, steps: int) -> Float[np.ndarray, "slices body_rows"]:
+    """Return the clearances in the interval before each slice [m].
+
+    Args:
+        problem: Keyframe NLP.
+        steps: Number S of slices in each phase.
+    """
+    part = np.full(steps, PhasePart.MIDDLE)
+    part[:LEAVING_STEPS] = PhasePart.START
+    part[-COMING_STEPS:] = PhasePart.END
+    of_phases = np.asarray(problem.phase_clearance)
+    return of_phases[:, part].reshape(-1, of_phases.shape[-1])
 
 
 def _wanted_poses(problem: Problem) -> list[_ClearPose]:

@@ -381,6 +381,7 @@ def _penetration(
         base_poses=each(base_poses),
         attached=attached,
         prism=jnp.swapaxes(each(prism), 0, 1),
+        clearance=each(step.clearance),
         fixed_pose=jnp.swapaxes(each(step.fixed_pose), 0, 1),
     )
     distance = measure(model, materialize(slices)).distance

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from dvr_jax.geometry.arrays import Array
+from dvr_jax.workcell.clearances import Clearances
 from dvr_jax.workcell.robot import InverseKinematics, Rectangle, Robot
 from dvr_jax.workcell.workcell import Workcell, cross_arm_pairs
 
@@ -98,6 +99,18 @@ class WorkcellModel:
     tucked: Float[Array, " joints"]
     """Posture in which an arm keeps out of the way of another one [rad]."""
 
+    arm_clearance: Float[Array, ""]
+    """Distance that the capsules of two arms keep [m]."""
+
+    table_clearances: Float[Array, " table_capsules"]
+    """Distance that each capsule of an arm that can reach the table keeps from it [m]."""
+
+    link_clearance: Float[Array, ""]
+    """Distance that capsules keep from objects and fixed bodies, those of the hand excepted [m]."""
+
+    hand_clearance: Float[Array, ""]
+    """Distance that the capsules of a hand keep from fixed bodies [m]."""
+
     structure: WorkcellStructure = field(metadata={"static": True})
     """What decides the shape of programs."""
 
@@ -109,14 +122,23 @@ def workcell_model(workcell: Workcell) -> WorkcellModel:
     Workcells that differ only in base poses, homes and names, and whose arms can meet in the same places, have models
     that compare equal in structure, so their problems share compiled programs and batches.
     """
-    return _model_of(workcell.robot, workcell.number_of_arms, cross_arm_pairs(workcell))
+    return _model_of(
+        workcell.robot, workcell.number_of_arms, cross_arm_pairs(workcell), workcell.clearances
+    )
 
 
 @lru_cache(maxsize=64)
 def _model_of(
-    robot: Robot, number_of_arms: int, cross_pairs: tuple[tuple[int, int, Rectangle], ...]
+    robot: Robot,
+    number_of_arms: int,
+    cross_pairs: tuple[tuple[int, int, Rectangle], ...],
+    clearances: Clearances,
 ) -> WorkcellModel:
     capsules = robot.capsules
+    above_table = [
+        clearances.hand_to_table if capsule in robot.holding_capsules else clearances.link_to_table
+        for capsule in range(*robot.table_capsules)
+    ]
     structure = WorkcellStructure(
         number_of_arms=number_of_arms,
         joints=robot.number_of_joints,
@@ -139,5 +161,9 @@ def _model_of(
         capsule_radii=capsules.radii,
         finger_directions=capsules.finger_directions,
         tucked=np.array(robot.tucked),
+        arm_clearance=np.array(clearances.arm_to_arm),
+        table_clearances=np.array(above_table),
+        link_clearance=np.array(clearances.link_to_object),
+        hand_clearance=np.array(clearances.hand_to_object),
         structure=structure,
     )

@@ -307,6 +307,29 @@ class Robot:
             bounds.append(reach[link] + np.linalg.norm(own, axis=1).max() + capsules.radii[c])
         return np.array(bounds)
 
+    @cached_property
+    def pad_overhang(self) -> float:
+        """How far the fingers' capsules reach beyond the pads, into the room of what is grasped [m].
+
+        The pads of a closed gripper meet in the hand's middle plane. A finger's capsule moves away from it along
+        `Capsules.finger_directions`.
+        """
+        capsules = self.capsules
+        hand_position = self._pose_in_link("hand")[2]
+        moves = np.linalg.norm(capsules.finger_directions, axis=1) > 0
+        directions = capsules.finger_directions[moves]
+        reach = [
+            radius - min(float(direction @ (end - hand_position)) for end in ends)
+            for direction, radius, *ends in zip(
+                directions,
+                capsules.radii[moves],
+                capsules.starts[moves],
+                capsules.ends[moves],
+                strict=True,
+            )
+        ]
+        return max([0.0, *reach])
+
     @property
     def _link_names(self) -> list[str]:
         return ["base", *(f"link{i + 1}" for i in range(self.number_of_joints))]

@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from dvr_jax.errors import DvrError, OptionError
 from dvr_jax.geometry import footprint as footprints
+from dvr_jax.workcell.clearances import Clearances
 from dvr_jax.workcell.panda import PANDA
 from dvr_jax.workcell.robot import Rectangle, Robot
 
@@ -68,6 +69,9 @@ class Workcell:
     table: Table = Table()
     """The table that arms and objects stand on."""
 
+    clearances: Clearances = Clearances()
+    """Distances that planned motions keep."""
+
     @property
     def number_of_arms(self) -> int:
         """Number A of arms."""
@@ -99,6 +103,10 @@ class Workcell:
         return self.arm_names.index(name)
 
 
+LARGEST_ARM_CLEARANCE = 0.02
+"""Pairs of capsules of two arms count that can come as near to each other as this, whatever the clearances are [m]."""
+
+
 def base_rotation(arm: Arm) -> Float[np.ndarray, "3 3"]:
     """Rotation of an arm's base frame in the world."""
     cosine = math.cos(arm.yaw)
@@ -128,7 +136,7 @@ def cross_arm_pairs(workcell: Workcell) -> tuple[tuple[int, int, Rectangle], ...
     # A running maximum makes the reach increase along the arm, so that few rectangles of capsules cover all pairs.
     reach = np.maximum.accumulate(workcell.robot.capsule_reach)
     for (a, first), (b, second) in combinations(enumerate(workcell.arms), 2):
-        distance = math.dist(first.position, second.position)
+        distance = math.dist(first.position, second.position) - LARGEST_ARM_CLEARANCE
         pairs += [(a, b, rectangle) for rectangle in _reachable_pairs(reach, distance)]
     return tuple(pairs)
 

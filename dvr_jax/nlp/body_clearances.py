@@ -1,0 +1,121 @@
+"""Clearances that depend on the sequence: of hands from objects, of held objects from the table, and of two bodies.
+
+A phase has three parts (`PhasePart`), because a hand comes close to an object, and an object to its support, only near
+the switch in which it is grasped or placed. Rows of one part, for A arms, N objects and F fixed bodies, in this order:
+
+- each hand from each object, arm after arm (A N);
+- each object from the table (N);
+- two objects, and an object and a fixed body, in the order of `dvr_jax.nlp.collision_rows.object_pairs`.
+
+`dvr_jax.workcell.clearances` states the values, and by which rules they shrink.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import IntEnum
+from itertools import combinations, product
+
+import numpy as np
+from jaxtyping import Float
+
+from dvr_jax.geometry.footprint import signed_distance
+from dvr_jax.modes.mode import ModeKind
+from dvr_jax.operators import ModeSwitch, SkeletonState
+from dvr_jax.scene.types import FixedBody, Scene, SceneObject
+from dvr_jax.workcell.clearances import GRIP_ROOM
+
+
+class PhasePart(IntEnum):
+    """The part of a phase to which a clearance applies."""
+
+    START = 0
+    """Shortly after the switch that the phase begins with."""
+
+    MIDDLE = 1
+    """Away from all switches."""
+
+    END = 2
+    """Shortly before the switch that the phase ends with, and at this switch."""
+
+
+def body_clearances(
+    scene: Scene, states: Sequence[SkeletonState], switches: Sequence[ModeSwitch]
+) -> Float[np.ndarray, "phases parts rows"]:
+    """Return the clearances of all parts of all phases of a sequence [m].
+
+    Args:
+        scene: A valid scene.
+        states: The K + 1 states before, between and after the actions.
+        switches: The K mode switches.
+    """
+    arms = scene.workcell.number_of_arms
+    objects = len(scene.objects)
+    clearances = scene.workcell.clearances
+    hands = np.full((len(switches), len(PhasePart), arms, objects), clearances.hand_to_object)
+    lift = np.zeros((len(switches), len(PhasePart), objects))
+
+    for k, switch in enumerate(switches):
+        before, after = states[k], states[k + 1]
+        for n, mode in enumerate(before.modes):
+            if mode.kind == ModeKind.HELD:
+                lift[k, :, n] = clearances.lift
+
+        item = switch.item
+        old, new = before.modes[item], after.modes[item]
+        if new.kind == ModeKind.HELD:
+            # The hand that grasps comes as near as the width of the object demands.
+            room = _grip_clearance(scene, item, switch.closing_yaw)
+            hands[k, PhasePart.END, new.parent, item] = room
+        else:
+            lift[k, PhasePart.END, item] = 0
+
+        if old.kind == ModeKind.HELD and k + 1 < len(switches):
+            # The hand that releases the object leaves it from as near.
+            room = _grip_clearance(scene, item, _closing_yaw(switches[:k], item))
+            hands[k + 1, PhasePart.START, old.parent, item] = room
+
+    # An object that stood before its grasp may be near its support right after it.
+    for k, switch in enumerate(switches[:-1]):
+        old, new = states[k].modes[switch.item], states[k + 1].modes[switch.item]
+        if new.kind == ModeKind.HELD and old.kind != ModeKind.HELD:
+            lift[k + 1, PhasePart.START, switch.item] = 0
+
+    pairs = np.broadcast_to(_pair_clearances(scene), (*lift.shape[:2], _number_of_pairs(scene)))
+    return np.concatenate([hands.reshape(*lift.shape[:2], -1), lift, pairs], axis=2)
+
+
+def _closing_yaw(switches: Sequence[ModeSwitch], item: int) -> float:
+    """Return the yaw of the closing axis of the last switch of an object [rad]."""
+    return next(switch.closing_yaw for switch in reversed(switches) if switch.item == item)
+
+
+def _grip_clearance(scene: Scene, item: int, closing_yaw: float) -> float:
+    """Return the clearance of a hand from an object that it grasps or releases; negative only by the pads' overhang."""
+    robot = scene.workcell.robot
+    hx, hy, _, radius = scene.objects[item].kind.prism(scene.objects[item].size)
+    half_width = abs(np.cos(closing_yaw)) * hx + abs(np.sin(closing_yaw)) * hy + radius
+    room = robot.maximum_opening / 2 - half_width - robot.pad_overhang - GRIP_ROOM
+    return float(np.clip(room, -robot.pad_overhang, scene.workcell.clearances.hand_to_object))
+
+
+def _pair_clearances(scene: Scene) -> Float[np.ndarray, " pairs"]:
+    """Return the clearances of two objects, and of an object and a fixed body [m]."""
+    pairs: list[tuple[SceneObject, SceneObject | FixedBody]] = [
+        *combinations(scene.objects, 2),
+        *product(scene.objects, scene.fixed),
+    ]
+    wanted = scene.workcell.clearances.object_to_object
+    return np.array([np.clip(_distance(*pair), 0, wanted) for pair in pairs])
+
+
+def _number_of_pairs(scene: Scene) -> int:
+    number = len(scene.objects)
+    return number * (number - 1) // 2 + number * len(scene.fixed)
+
+
+def _distance(item: SceneObject, other: SceneObject | FixedBody) -> float:
+    """Return a lower bound of the distance of two bodies at the start [m]; negative if they overlap."""
+    horizontal = signed_distance(item.footprint, other.footprint)
+    bottom = other.bottom if isinstance(other, FixedBody) else 0.0
+    return max(horizontal, bottom - item.height)
