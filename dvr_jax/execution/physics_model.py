@@ -4,6 +4,8 @@ The scene's model serves kinematics. For execution it gets
 
 - time steps of 1 ms, an implicit integrator and elliptic friction cones;
 - arms without weight, as Franka's controller compensates gravity;
+- fingers with the shape that they have: where a robot shows its fingers, what is shown collides in place of the capsules,
+  which reach beyond the pads;
 - flat finger pads. Their contacts are stiff and their parameters take precedence: with MuJoCo's default contacts, a
   held object drifts by a centimeter in the course of a plan;
 - fingers that are coupled, with the inertia of their drive (about 2 kg): light fingers press into what they hold;
@@ -15,7 +17,7 @@ from __future__ import annotations
 import mujoco
 
 from dvr_jax.execution.conditions import ExecutionConditions
-from dvr_jax.scene.mjcf import COLLISION_GROUP, build_model_spec, object_body_name
+from dvr_jax.scene.mjcf import COLLISION_GROUP, LOOKS_GROUP, build_model_spec, object_body_name
 from dvr_jax.scene.types import Scene
 from dvr_jax.workcell.robot import FINGERS
 
@@ -89,6 +91,12 @@ def _release_from_gravity(body: mujoco.MjsBody) -> None:
 def _add_pad(spec: mujoco.MjSpec, finger: str, conditions: ExecutionConditions) -> None:
     """Put a flat pad on the inner side of a finger, around the gripper center."""
     body = spec.body(finger)
+    looks = [geom for geom in body.geoms if geom.group == LOOKS_GROUP]
+    for geom in body.geoms if looks else []:
+        collides = int(geom.group == LOOKS_GROUP)
+        geom.contype = collides
+        geom.conaffinity = collides
+
     joint = body.joints[0]
     joint.armature = FINGER_INERTIA
 
