@@ -96,11 +96,16 @@ def evaluate_constraints(
     """
     B, K = x.m.shape[:2]
     samples = geometry.distance.shape[0] // B
+    T = x.q.shape[1]
+
+    def at_slices(value: Array) -> Array:
+        """(..., L) to (..., B, T): the last sample of each interval is the slice itself."""
+        by_problem = value.reshape(*value.shape[:-1], B, samples)
+        return by_problem[..., samples // T - 1 :: samples // T]
 
     def at_switch(value: Array) -> Array:
         """(..., L) to (..., B K)."""
-        by_problem = value.reshape(*value.shape[:-1], B, samples)
-        at_ends = by_problem[..., samples // K - 1 :: samples // K]
+        at_ends = at_slices(value)[..., T // K - 1 :: T // K]
         return at_ends.reshape(*value.shape[:-1], B * K)
 
     given = EvaluationInput(
@@ -111,6 +116,8 @@ def evaluate_constraints(
             HandPoses(at_switch(geometry.hands.rotation), at_switch(geometry.hands.position)),
             at_switch(geometry.screws),
         ),
+        hands=HandPoses(at_slices(geometry.hands.rotation), at_slices(geometry.hands.position)),
+        screws=at_slices(geometry.screws),
         joint_limits=jnp.tile(model.joint_limits, (1, model.structure.number_of_arms)),
     )
     return {block.name: block.evaluate(given) for block in CONSTRAINT_BLOCKS}

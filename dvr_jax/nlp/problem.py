@@ -81,6 +81,15 @@ class Problem(NamedTuple):
     arm_at_rest: Float[Array, "*batch phases arms"]
     """1 for each arm that rests at switch k, else 0: arms that take part, and in a path all of them at its end."""
 
+    straight_arm: Int[Array, "*batch phases 2"]
+    """Arm of each straight motion of a path: the one that leaves the last switch, and the one that comes to the next."""
+
+    straight_distance: Float[Array, "*batch phases 2"]
+    """Least length of each straight motion [m]; 0 where there is none."""
+
+    still_arm: Float[Array, "*batch phases 2 arms"]
+    """1 for each arm that rests during a straight motion, because it holds the object, else 0."""
+
     finger_opening: Float[Array, "*batch phases+1 arms"]
     """Distance of each finger from the hand's middle plane in phase k, and after the last action [m]."""
 

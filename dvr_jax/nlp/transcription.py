@@ -7,9 +7,10 @@ sequence one after the other, keeps track of the modes of all objects, and store
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from dvr_jax.errors import DvrError
 from dvr_jax.geometry.footprint import Rectangle
@@ -56,6 +57,7 @@ def transcribe(
     arms = range(scene.workcell.number_of_arms)
     home = np.array(scene.home, dtype=float).reshape(-1)
     clearance = body_clearances(scene, states, switches)
+    straight = _straight_motions(scene, states, switches)
 
     return Problem(
         prism=_floats([item.kind.prism(item.size) for item in scene.objects], 4),
@@ -75,6 +77,9 @@ def transcribe(
         arm_at_rest=_floats(
             [[float(arm in switch.arms_at_rest) for arm in arms] for switch in switches], len(arms)
         ),
+        straight_arm=straight.arm,
+        straight_distance=straight.distance,
+        still_arm=straight.still,
         finger_opening=_floats([state.finger_opening for state in states], len(arms)),
         on_support=np.array([float(switch.support is not None) for switch in switches]),
         closing_yaw=np.array([switch.closing_yaw for switch in switches]),
@@ -86,6 +91,49 @@ def transcribe(
         sample_fraction=np.ones((number, 1)),
         sample_offset=np.zeros((number, 1, len(home))),
     )
+
+
+class _StraightMotions(NamedTuple):
+    """The straight motions of a sequence: in each phase one that leaves a switch (0) and one that comes to one (1)."""
+
+    arm: Int[np.ndarray, "phases 2"]
+    """The arm that moves."""
+
+    distance: Float[np.ndarray, "phases 2"]
+    """Least length [m]; 0 where there is no such motion."""
+
+    still: Float[np.ndarray, "phases 2 arms"]
+    """1 for an arm that holds the object meanwhile."""
+
+
+def _straight_motions(
+    scene: Scene, states: Sequence[SkeletonState], switches: Sequence[ModeSwitch]
+) -> _StraightMotions:
+    """A hand comes straight to an object that it grasps, and leaves straight an object that it has released."""
+    K = len(switches)
+    found = _StraightMotions(
+        np.zeros((K, 2), np.int32),
+        np.zeros((K, 2)),
+        np.zeros((K, 2, scene.workcell.number_of_arms)),
+    )
+    leaves, comes = 0, 1
+    distance = scene.workcell.clearances.approach
+    for k, switch in enumerate(switches):
+        old = states[k].modes[switch.item]
+        new = states[k + 1].modes[switch.item]
+        was_held = old.kind == ModeKind.HELD
+        is_held = new.kind == ModeKind.HELD
+        if is_held:
+            found.arm[k, comes] = new.parent
+            found.distance[k, comes] = distance
+            if was_held:
+                found.still[k, comes, old.parent] = 1
+        if was_held and k + 1 < K:
+            found.arm[k + 1, leaves] = old.parent
+            found.distance[k + 1, leaves] = distance
+            if is_held:
+                found.still[k + 1, leaves, new.parent] = 1
+    return found
 
 
 def walk(

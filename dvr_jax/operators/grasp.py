@@ -37,7 +37,11 @@ from dvr_jax.scene.types import Scene, SceneObject
 from dvr_jax.shapes import FACES
 
 GRASP_MARGIN = 0.01
-"""How far inside the object the gripper's center stays [m]."""
+"""How far inside the object's sides the gripper's center stays, so that the pads are within them [m]."""
+
+HEIGHT_MARGIN = 0.003
+"""How far below the top and above the bottom of the object the gripper's center stays [m]. It is smaller than half a
+pad, because fingers would touch the table around a small cube whose top was higher above the pads' centers."""
 
 PITCH_LIMIT = 2.2
 """Largest tilt of the approach axis from straight down, in both directions [rad].
@@ -83,7 +87,7 @@ def _room(item: SceneObject, face: str) -> tuple[float, float]:
     tangent = item.kind.tangent_half_extent(item.size, face) - GRASP_MARGIN
     # If faces cannot be told apart (cylinders), the closing axis has to intersect the object's vertical axis.
     along = tangent if item.kind.has_faces else min(0.0, tangent)
-    return along, item.half_extents[2] - GRASP_MARGIN
+    return along, item.half_extents[2] - HEIGHT_MARGIN
 
 
 def _refute(scene: Scene, action: Action) -> str | None:

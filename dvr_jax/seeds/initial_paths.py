@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.interpolate import PchipInterpolator
 
 from dvr_jax.modes.mode import ModeKind
 from dvr_jax.nlp.body_clearances import PhasePart
@@ -25,7 +24,7 @@ NEAR_WEIGHT = 0.3
 FAR_WEIGHT = 1e-2
 """Weight of the squared distance from the start elsewhere [1/rad^2]."""
 
-CLEARANCE = 0.08
+CLEARANCE = 0.055
 """Distance of a gripper's clear pose (shortly before or after a switch) from its pose at the switch [m]."""
 
 STEPS_PER_PHASE = 10
@@ -75,9 +74,7 @@ def keyframe_start(beam: KeyframeBeam, rank: int, phases: int) -> Variables:
 def initial_path(model: WorkcellModel, problem: Problem, keyframes: Variables) -> Variables:
     """Return a path that interpolates keyframes and is at rest at each of them.
 
-    An arm that takes part in a switch passes through a clear pose shortly before and shortly after it. In each phase
-    the joints interpolate four postures, at 0, 25, 75 and 100 % of a cubic time law: the last switch, the clear pose
-    after it, the clear pose before the next switch, and the next switch.
+    An arm that takes part in a switch passes through a clear pose shortly before and shortly after it.
 
     Args:
         model: Arms of the workcell.
@@ -90,12 +87,15 @@ def initial_path(model: WorkcellModel, problem: Problem, keyframes: Variables) -
     coming, going = _clear_postures(model, problem, np.asarray(keyframes.q))
     leaving = np.concatenate([before[:1], going[:-1]])
 
-    # The time law s = tau^2 (3 - 2 tau) has zero velocity at both ends of a phase, and the joints are monotone cubic
-    # curves of s. It ends one interval before the switch, because the arms must rest in the last interval.
-    tau = np.minimum(np.arange(1, STEPS_PER_PHASE + 1) / (STEPS_PER_PHASE - 1), 1)
-    knots = np.stack([before, leaving, coming, keyframes.q])
-    curves = PchipInterpolator([0.0, 0.25, 0.75, 1.0], knots, axis=0)
-    q = curves(tau * tau * (3 - 2 * tau)).swapaxes(0, 1)
+    # An arm that leaves a switch straight is clear of it after the first slice, and one that comes to the next switch
+    # straight is at it at the last slice but one, because the arms rest in the last interval. In between, and
+    # elsewhere, the time law s = tau^2 (3 - 2 tau) begins and ends at rest.
+    S = STEPS_PER_PHASE
+    tau = np.linspace(0.0, 1.0, S - 2)
+    law = (tau * tau * (3 - 2 * tau))[:, None]
+    q = np.empty((K, S, len(home)))
+    q[:, : S - 2] = leaving[:, None] + (coming - leaving)[:, None] * law
+    q[:, S - 2 :] = keyframes.q[:, None]
     return Variables(q.reshape(K * STEPS_PER_PHASE, -1), keyframes.m)
 
 

@@ -44,7 +44,7 @@ class Clearances:
     link_to_table: float = 0.010
     """Of a link above the table."""
 
-    hand_to_table: float = 0.003
+    hand_to_table: float = 0.002
     """Of a hand and its fingers above the table. Their capsules reach 6 mm beyond the finger tips."""
 
     object_to_object: float = 0.005
@@ -52,6 +52,9 @@ class Clearances:
 
     lift: float = 0.010
     """Of a held object above the table, except shortly before it is placed and shortly after it was grasped."""
+
+    approach: float = 0.05
+    """How far a hand comes straight to a grasp, and leaves an object that it has released."""
 
     region_edge: float = 0.004
     """Of the footprint of a placed object from the edges of its region."""

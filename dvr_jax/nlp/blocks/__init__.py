@@ -15,6 +15,7 @@ from dvr_jax.nlp.blocks.joint_limit import JOINT_LIMIT
 from dvr_jax.nlp.blocks.mode_switch import MODE_SWITCH
 from dvr_jax.nlp.blocks.parameter_bound import PARAMETER_BOUND
 from dvr_jax.nlp.blocks.rest import REST
+from dvr_jax.nlp.blocks.straight_motion import STRAIGHT_DISTANCE, STRAIGHT_LINE
 
 CONSTRAINT_BLOCKS: tuple[ConstraintBlock, ...] = (
     COLLISION,
@@ -23,6 +24,8 @@ CONSTRAINT_BLOCKS: tuple[ConstraintBlock, ...] = (
     JOINT_LIMIT,
     PARAMETER_BOUND,
     FOOTPRINT,
+    STRAIGHT_LINE,
+    STRAIGHT_DISTANCE,
 )
 """All constraint blocks, in the order in which their rows are stored."""
 
@@ -34,6 +37,8 @@ __all__ = [
     "MODE_SWITCH",
     "PARAMETER_BOUND",
     "REST",
+    "STRAIGHT_DISTANCE",
+    "STRAIGHT_LINE",
     "ConstraintBlock",
     "ConstraintKind",
     "Evaluation",

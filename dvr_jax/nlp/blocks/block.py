@@ -125,6 +125,12 @@ class EvaluationInput(NamedTuple):
     switches: SwitchGeometry
     """Poses of the grippers and twists of the joints at the switches."""
 
+    hands: HandPoses
+    """Poses of the grippers at all slices, with the batch axes (A, B, T)."""
+
+    screws: Float[Array, "6 joints batch slices"]
+    """World twists of the joints at all slices."""
+
     joint_limits: Float[Array, "2 joints"]
     """Lower and upper limits of all joints [rad]."""
 
