@@ -1,21 +1,24 @@
 """The curve of joint angles through the slices of a path, which a motion follows between them.
 
-The curve is the monotone piecewise cubic interpolant of Fritsch and Butland, "A method for constructing local monotone
-piecewise cubic interpolants" (SIAM Journal on Scientific and Statistical Computing 5, 1984). Between two slices each
-joint angle stays between its values at the two slices. Hence the curve keeps within the joint limits, and an arm that
-has the same posture at two slices rests between them.
+At each slice the curve has the slope of the monotone piecewise cubic interpolant of Fritsch and Butland, "A method for
+constructing local monotone piecewise cubic interpolants" (SIAM Journal on Scientific and Statistical Computing 5, 1984).
+That interpolant has two second derivatives at a slice, one on either side. The curve takes the smaller one of them, and
+zero if their signs differ, and is the polynomial of degree five that has these values at both ends of an interval.
+
+Its second derivative is therefore continuous, so that a motion along it needs no infinite jerk. An arm that has the same
+posture at two slices rests between them.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Float
-from scipy.interpolate import PchipInterpolator
+from scipy.interpolate import PchipInterpolator, PPoly
 
 
 def joint_curve(
     home: Float[np.ndarray, " joints"], q: Float[np.ndarray, "slices joints"]
-) -> PchipInterpolator:
+) -> PPoly:
     """Interpolate the joint angles of a path over its slices.
 
     Args:
@@ -28,4 +31,43 @@ def joint_curve(
     # One more slice at home before slice 0 makes the arms start from rest.
     slices = np.arange(-1, len(q) + 1)
     angles = np.concatenate([home[None], home[None], q])
-    return PchipInterpolator(slices, angles, axis=0)
+    cubic = PchipInterpolator(slices, angles, axis=0).c
+
+    # Values, slopes and second derivatives at the knots; all intervals have the length 1.
+    slope = np.concatenate([cubic[2], (3 * cubic[0] + 2 * cubic[1] + cubic[2])[-1:]])
+    right = 2 * cubic[1]
+    left = 6 * cubic[0] + 2 * cubic[1]
+    bend = np.zeros_like(angles)
+    bend[1:-1] = np.where(
+        left[:-1] * right[1:] > 0,
+        np.sign(right[1:]) * np.minimum(np.abs(left[:-1]), np.abs(right[1:])),
+        0,
+    )
+    return PPoly(_quintic_coefficients(angles, slope, bend), slices)
+
+
+def _quintic_coefficients(
+    value: Float[np.ndarray, "knots joints"],
+    slope: Float[np.ndarray, "knots joints"],
+    bend: Float[np.ndarray, "knots joints"],
+) -> Float[np.ndarray, "6 intervals joints"]:
+    """Return the coefficients, highest power first, of the quintic polynomials between knots at distances of 1.
+
+    Args:
+        value: Values at the knots.
+        slope: First derivatives.
+        bend: Second derivatives.
+    """
+    rise = value[1:] - value[:-1] - slope[:-1] - bend[:-1] / 2
+    turn = slope[1:] - slope[:-1] - bend[:-1]
+    change = bend[1:] - bend[:-1]
+    return np.stack(
+        [
+            6 * rise - 3 * turn + change / 2,
+            -15 * rise + 7 * turn - change,
+            10 * rise - 4 * turn + change / 2,
+            bend[:-1] / 2,
+            slope[:-1],
+            value[:-1],
+        ]
+    )

@@ -41,8 +41,8 @@ class PhasePart(IntEnum):
 
 def body_clearances(
     scene: Scene, states: Sequence[SkeletonState], switches: Sequence[ModeSwitch]
-) -> Float[np.ndarray, "phases parts rows"]:
-    """Return the clearances of all parts of all phases of a sequence [m].
+) -> Float[np.ndarray, "phases+1 parts rows"]:
+    """Return the clearances of all parts of all phases of a sequence, and of the time after it [m].
 
     Args:
         scene: A valid scene.
@@ -52,17 +52,17 @@ def body_clearances(
     arms = scene.workcell.number_of_arms
     objects = len(scene.objects)
     clearances = scene.workcell.clearances
-    hands = np.full((len(switches), len(PhasePart), arms, objects), clearances.hand_to_object)
-    lift = np.zeros((len(switches), len(PhasePart), objects))
-
-    for k, switch in enumerate(switches):
-        before, after = states[k], states[k + 1]
-        for n, mode in enumerate(before.modes):
+    hands = np.full((len(states), len(PhasePart), arms, objects), clearances.hand_to_object)
+    lift = np.zeros((len(states), len(PhasePart), objects))
+    for k, state in enumerate(states):
+        for n, mode in enumerate(state.modes):
             if mode.kind == ModeKind.HELD:
                 lift[k, :, n] = clearances.lift
 
+    for k, switch in enumerate(switches):
         item = switch.item
-        old, new = before.modes[item], after.modes[item]
+        old = states[k].modes[item]
+        new = states[k + 1].modes[item]
         if new.kind == ModeKind.HELD:
             # The hand that grasps comes as near as the width of the object demands.
             room = _grip_clearance(scene, item, switch.closing_yaw)
@@ -70,16 +70,14 @@ def body_clearances(
         else:
             lift[k, PhasePart.END, item] = 0
 
-        if old.kind == ModeKind.HELD and k + 1 < len(switches):
+        if old.kind == ModeKind.HELD:
             # The hand that releases the object leaves it from as near.
             room = _grip_clearance(scene, item, _closing_yaw(switches[:k], item))
             hands[k + 1, PhasePart.START, old.parent, item] = room
 
-    # An object that stood before its grasp may be near its support right after it.
-    for k, switch in enumerate(switches[:-1]):
-        old, new = states[k].modes[switch.item], states[k + 1].modes[switch.item]
-        if new.kind == ModeKind.HELD and old.kind != ModeKind.HELD:
-            lift[k + 1, PhasePart.START, switch.item] = 0
+        else:
+            # An object that stood before its grasp may be near its support right after it.
+            lift[k + 1, PhasePart.START, item] = 0
 
     pairs = np.broadcast_to(_pair_clearances(scene), (*lift.shape[:2], _number_of_pairs(scene)))
     return np.concatenate([hands.reshape(*lift.shape[:2], -1), lift, pairs], axis=2)

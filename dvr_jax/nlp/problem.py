@@ -109,8 +109,8 @@ class Problem(NamedTuple):
     support: Float[Array, "*batch phases 5"]
     """Rectangle on which the object is placed: center x, y [m], yaw [rad], half extents [m]; zeros for a grasp."""
 
-    phase_clearance: Float[Array, "*batch phases 3 body_rows"]
-    """Clearances of each part of each phase (`dvr_jax.nlp.body_clearances`) [m]."""
+    phase_clearance: Float[Array, "*batch phases+1 3 body_rows"]
+    """Clearances of each part of each phase, and of the time after the last action (`dvr_jax.nlp.body_clearances`) [m]."""
 
     clearance: Float[Array, "*batch slices body_rows"]
     """Those of them that apply in the interval before each slice and at the slice [m]."""

@@ -87,7 +87,7 @@ def transcribe(
         parameter_upper=_floats([switch.upper for switch in switches], PARAMETERS),
         support=_floats([_support_numbers(switch.support) for switch in switches], 5),
         phase_clearance=clearance,
-        clearance=clearance[:, PhasePart.END],
+        clearance=clearance[:-1, PhasePart.END],
         sample_fraction=np.ones((number, 1)),
         sample_offset=np.zeros((number, 1, len(home))),
     )

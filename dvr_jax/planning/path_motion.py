@@ -1,16 +1,13 @@
-"""Interpolate a solved path to a motion of the whole scene, with ten samples in each interval between two slices.
+"""Turn a solved path into a motion of the whole scene: fast, within the limits of the arms, sampled evenly in time.
 
-Notation: a path of K actions has T slices and S = T / K slices in each phase. The motion begins at home, one interval
-before the first slice, and has R = 10 samples in each interval of h seconds.
+Notation: a path of K actions has T slices and S = T / K slices in each phase. It begins at home.
 
-- The joint angles of the slices are interpolated by monotone cubic curves (F. Fritsch and J. Butland, "A method for
-  constructing local monotone piecewise cubic interpolants", 1984). If an arm has the same angles at two slices, it
-  rests between them.
-- Fingers move in the interval before a switch. In a handover the fingers of the taking arm close in the first half of
-  this interval, and those of the giving arm open in its second half.
-- The duration h is the shortest one that respects the limits of joint speed, joint acceleration and finger speed. With
-  the joint angles q_i at sample i, the speeds are (q_{i+1} - q_i) R / h and the accelerations are
-  (q_{i+1} - 2 q_i + q_{i-1}) R^2 / h^2.
+- In each phase the arms move along a smooth curve (`dvr_jax.motion.joint_curve`) from rest to rest, as fast as the limits
+  of joint velocity, acceleration, jerk and torque allow (`dvr_jax.motion.retiming`). The torques include the weight of
+  the objects that are held.
+- Then all arms rest while the fingers move. In a handover the fingers of the taking arm close first, and those of the
+  giving arm open afterwards. The object changes its holder between the two, or else when the fingers have moved.
+- At the end the hand that has released the last object retreats (`dvr_jax.planning.retreat`).
 - The pose of a held object follows from the pose of its gripper, which is computed by MuJoCo's forward kinematics, and
   from the mode parameters of the NLP.
 """
@@ -18,6 +15,7 @@ before the first slice, and has R = 10 samples in each interval of h seconds.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -26,20 +24,40 @@ from scipy.spatial.transform import Rotation
 
 from dvr_jax.modes import fixed, held, placed
 from dvr_jax.modes.mode import ModeKind
+from dvr_jax.motion.dynamics import arm_dynamics
 from dvr_jax.motion.joint_curve import joint_curve
 from dvr_jax.motion.motion import Motion, make_motion
+from dvr_jax.motion.retiming import TIME_STEP, MotionLimits, Torques, time_optimal
 from dvr_jax.nlp.problem import Problem
+from dvr_jax.planning.retreat import retreat
 from dvr_jax.scene.layout import qpos_layout
-from dvr_jax.scene.mjcf import build_model
+from dvr_jax.scene.mjcf import OBJECT_DENSITY, build_model
 from dvr_jax.scene.types import Scene
-from dvr_jax.solver.continuous_collision import SAMPLES_PER_SLICE
+from dvr_jax.workcell.model import workcell_model
 from dvr_jax.workcell.robot import Robot
 
-SHORTEST_SLICE = 0.1
-"""Shortest duration h of the interval between two slices [s]."""
+CURVE_POINTS = 12
+"""Number of points of the curve in each interval between two slices from which the motion is timed."""
 
-LIMIT_FRACTION = 0.9
-"""Fraction of the limits of joint speed, joint acceleration and finger speed that a motion may use."""
+FINGER_SPEED_FRACTION = 0.9
+"""Fraction of the limit of finger speed that a motion may use."""
+
+SHORTEST_PAUSE = 0.1
+"""Shortest time for which the arms rest at a switch [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """A part of a motion: some samples of joints and fingers, without the one before the first."""
+
+    joints: Float[np.ndarray, "samples joints"]
+    """Joint angles of all arms [rad]."""
+
+    fingers: Float[np.ndarray, "samples arms"]
+    """Opening of each arm's fingers [m]."""
+
+    phase: Int[np.ndarray, " samples"]
+    """Number of actions that have taken effect at each sample."""
 
 
 def interpolate(
@@ -48,7 +66,7 @@ def interpolate(
     q: Float[np.ndarray, "slices joints"],
     m: Float[np.ndarray, "actions parameters"],
 ) -> Motion:
-    """Return the motion of the whole scene that interpolates a solved path.
+    """Return the motion of the whole scene along a solved path.
 
     Args:
         scene: Scene of the path.
@@ -57,93 +75,163 @@ def interpolate(
         m: (K, 4) mode parameters [m or rad].
 
     Returns:
-        The motion of the whole scene, with T * 10 + 1 samples.
+        The motion of the whole scene.
     """
-    T = q.shape[0]
     K = m.shape[0]
-    S = T // K
-    R = SAMPLES_PER_SLICE
+    S = q.shape[0] // K
+    home = np.asarray(problem.home)
+    opening = np.asarray(problem.finger_opening)
+    q = _at_rest(problem, q)
+    curve = joint_curve(home, q)
+    limits = _limits(scene.workcell.robot, scene.workcell.number_of_arms)
 
-    # Time of each sample in units of h, and its phase. The sample at a switch already belongs to the next phase.
-    sampled = np.arange(T * R + 1) / R
-    phase = np.minimum((sampled / S).astype(int), K - 1)
-    phase_after = np.where(np.arange(T * R + 1) == T * R, K, phase)
+    parts = [_Part(home[None], opening[:1], np.zeros(1, int))]
+    for k in range(K):
+        # The last interval of a phase is a pause, which has its own duration.
+        points = curve(np.linspace(k * S, (k + 1) * S - 1, CURVE_POINTS * (S - 1) + 1))
+        moving = time_optimal(points, limits, _torques(scene, problem, k))[1:]
+        parts.append(_moving_part(moving, opening[k], k))
+        parts.append(_pause(scene.workcell.robot, q[(k + 1) * S - 1], opening[k : k + 2], k))
 
-    # Joints and fingers determine the state of the arms; the objects follow from them.
-    joints = joint_curve(np.asarray(problem.home), q)(sampled)
-    slices_after_rest = sampled - ((phase + 1) * S - 1)
-    fingers = _finger_travels(problem, slices_after_rest, phase)
+    parts += _retreat_part(scene, problem, q, m, limits)
+    joints = np.concatenate([part.joints for part in parts])
+    fingers = np.concatenate([part.fingers for part in parts])
+    phase = np.concatenate([part.phase for part in parts])
 
+    # The objects follow from the arms.
     layout = qpos_layout(scene)
-    qpos = np.zeros((len(sampled), layout.size))
+    qpos = np.zeros((len(joints), layout.size))
     qpos[:, layout.arm_joints.reshape(-1)] = joints
     qpos[:, layout.fingers.reshape(-1)] = np.repeat(fingers, 2, axis=1)
-    _carry_objects(scene, problem, m, phase_after, qpos)
-
-    time = sampled * _slice_duration(scene.workcell.robot, joints, fingers)
-    switch = (np.arange(K) + 1) * S * R
-    return make_motion(time, qpos, switch)
-
-
-def _finger_travels(
-    problem: Problem,
-    fraction: Float[np.ndarray, " samples"],
-    phase: Int[np.ndarray, " samples"],
-) -> Float[np.ndarray, "samples arms"]:
-    """Return the opening of each arm's fingers at each sample [m].
-
-    Args:
-        problem: NLP of the sequence.
-        fraction: Fraction of the last interval of the phase that has passed; negative before this interval begins.
-        phase: Phase of each sample.
-
-    Returns:
-        Distance of each finger from its hand's middle plane [m].
-    """
-    opening = np.asarray(problem.finger_opening)
-    before = opening[phase]
-    after = opening[phase + 1]
-
-    # If both grippers move, one closes in the first half of the interval, and the other opens in the second half.
-    is_moving = before != after
-    both_move = is_moving.sum(axis=1, keepdims=True) > 1
-    half = np.where(after < before, 2 * fraction[:, None], 2 * fraction[:, None] - 1)
-    moved = np.clip(np.where(both_move, half, fraction[:, None]), 0, 1)
-
-    return (1 - moved) * before + moved * after
-
-
-def _slice_duration(
-    robot: Robot,
-    joints: Float[np.ndarray, "samples joints"],
-    fingers: Float[np.ndarray, "samples arms"],
-) -> float:
-    """Return the shortest duration h of the interval between two slices that respects all limits [s].
-
-    Args:
-        robot: The robot that all arms are instances of.
-        joints: Joint angles of all arms at the samples [rad].
-        fingers: Opening of each arm's fingers at the samples [m].
-
-    Returns:
-        Duration of an interval [s].
-    """
-    arms = fingers.shape[1]
-    joint_velocity = np.tile(robot.joint_velocity, arms)
-    joint_acceleration = np.tile(robot.joint_acceleration, arms)
-
-    # Velocities [rad per interval] and accelerations [rad per squared interval]. The motion starts and ends at rest.
-    velocity = np.diff(joints, axis=0) * SAMPLES_PER_SLICE
-    change = np.diff(velocity, axis=0, prepend=0.0, append=0.0) * SAMPLES_PER_SLICE
-
-    by_velocity = np.abs(velocity / joint_velocity).max() / LIMIT_FRACTION
-    by_acceleration = np.abs(change / joint_acceleration).max() / LIMIT_FRACTION
-    finger_velocity = np.abs(np.diff(fingers, axis=0)).max() * SAMPLES_PER_SLICE
-    by_fingers = finger_velocity / robot.finger_speed / LIMIT_FRACTION
-
-    return max(
-        SHORTEST_SLICE, float(by_velocity), math.sqrt(float(by_acceleration)), float(by_fingers)
+    _carry_objects(scene, problem, m, phase, qpos)
+    return make_motion(
+        TIME_STEP * np.arange(len(qpos)), qpos, np.searchsorted(phase, np.arange(1, K + 1))
     )
+
+
+def _at_rest(
+    problem: Problem, q: Float[np.ndarray, "slices joints"]
+) -> Float[np.ndarray, "slices joints"]:
+    """Let arms rest exactly where the NLP lets them rest within its tolerance.
+
+    Args:
+        problem: NLP of the path.
+        q: Joint angles in the slices [rad].
+
+    Returns:
+        Joint angles [rad], with equal postures at both ends of the intervals in which an arm rests.
+    """
+    K = len(problem.switched_object)
+    S = len(q) // K
+    arms = problem.still_arm.shape[-1]
+    rested = np.array(q).reshape(K, S, arms, -1)
+    rested[:, S - 2] = rested[:, S - 1]
+    leaves, comes = np.moveaxis(np.asarray(problem.still_arm) > 0, 1, 0)
+    rested[1:, 0][leaves[1:]] = rested[:-1, S - 1][leaves[1:]]
+    rested[:, S - 3][comes] = rested[:, S - 2][comes]
+    return rested.reshape(q.shape)
+
+
+def _limits(robot: Robot, arms: int) -> MotionLimits:
+    """Return the limits of the joints of all arms."""
+    return MotionLimits(
+        velocity=np.tile(robot.joint_velocity, arms),
+        acceleration=np.tile(robot.joint_acceleration, arms),
+        jerk=np.tile(robot.joint_jerk, arms),
+        torque=np.tile(robot.joint_torque, arms),
+    )
+
+
+def _torques(scene: Scene, problem: Problem, phase: int) -> Torques:
+    """Return the inverse dynamics of all arms with what they hold in a phase."""
+    dynamics = arm_dynamics(scene.workcell.robot)
+    joints = scene.workcell.robot.number_of_joints
+    loads = np.zeros(scene.workcell.number_of_arms)
+    for item, body in enumerate(scene.objects):
+        if int(problem.mode_kind[phase, item]) == ModeKind.HELD:
+            hx, hy, hz, _ = 2 * np.array([*body.half_extents, 0.0])
+            loads[int(problem.mode_parent[phase, item])] += OBJECT_DENSITY * hx * hy * hz
+
+    def torques(q: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
+        """Torques of all arms [N m]."""
+        each = [slice(arm * joints, (arm + 1) * joints) for arm in range(len(loads))]
+        return np.concatenate(
+            [
+                dynamics.torques(q[:, own], velocity[:, own], acceleration[:, own], float(load))
+                for own, load in zip(each, loads, strict=True)
+            ],
+            axis=1,
+        )
+
+    return torques
+
+
+def _moving_part(
+    joints: Float[np.ndarray, "samples joints"], opening: Float[np.ndarray, " arms"], phase: int
+) -> _Part:
+    """Return samples in which arms move and fingers do not."""
+    samples = len(joints)
+    return _Part(joints, np.tile(opening, (samples, 1)), np.full(samples, phase))
+
+
+def _pause(
+    robot: Robot,
+    posture: Float[np.ndarray, " joints"],
+    opening: Float[np.ndarray, "2 arms"],
+    phase: int,
+) -> _Part:
+    """Return samples in which the arms rest and the fingers move.
+
+    Args:
+        robot: The robot that all arms are.
+        posture: Joint angles of all arms [rad].
+        opening: Opening of each arm's fingers before and after [m].
+        phase: Number of actions that have taken effect before.
+    """
+    before, after = opening
+    closing = np.minimum(after, before)
+    steps = [
+        _finger_samples(robot, start, end)
+        for start, end in ((before, closing), (closing, after))
+        if np.abs(end - start).max() > 0
+    ]
+    least = math.ceil(SHORTEST_PAUSE / TIME_STEP)
+    fingers = np.concatenate([*steps, after[None]])
+    fingers = np.concatenate([fingers, np.tile(after, (max(least - len(fingers), 0), 1))])
+
+    # In a handover the object changes hands when the taking fingers have closed.
+    phases = np.full(len(fingers), phase)
+    phases[(len(steps[0]) if len(steps) > 1 else len(fingers)) - 1 :] = phase + 1
+    return _Part(np.tile(posture, (len(fingers), 1)), fingers, phases)
+
+
+def _finger_samples(
+    robot: Robot, start: Float[np.ndarray, " arms"], end: Float[np.ndarray, " arms"]
+) -> Float[np.ndarray, "samples arms"]:
+    """Return samples of fingers that move smoothly; the time law tau^2 (3 - 2 tau) has the top speed 1.5."""
+    fastest = FINGER_SPEED_FRACTION * robot.finger_speed
+    duration = 1.5 * float(np.abs(end - start).max()) / fastest
+    samples = math.ceil(duration / TIME_STEP)
+    tau = (np.arange(1, samples + 1) / samples)[:, None]
+    return start + (end - start) * tau * tau * (3 - 2 * tau)
+
+
+def _retreat_part(
+    scene: Scene,
+    problem: Problem,
+    q: Float[np.ndarray, "slices joints"],
+    m: Float[np.ndarray, "actions parameters"],
+    limits: MotionLimits,
+) -> list[_Part]:
+    """Return the samples of the retreat after the last action, if there is one."""
+    K = len(m)
+    distance = scene.workcell.clearances.approach
+    away = retreat(workcell_model(scene.workcell), problem, q, m, distance)
+    if len(away) < 2:
+        return []
+    points = np.concatenate([q[-1:], away])
+    moving = time_optimal(points, limits, _torques(scene, problem, K))[1:]
+    return [_moving_part(moving, np.asarray(problem.finger_opening)[-1], K)]
 
 
 def _carry_objects(

@@ -124,8 +124,8 @@ def path_problem(problem: Problem, start: Variables, samples: int = PATH_SAMPLES
         part = slice((k + 1) * S - 1 - near, (k + 1) * S + near)
         weight[part] = np.maximum(weight[part], own)
 
-    at_rest = np.array(problem.arm_at_rest)
-    at_rest[-1] = 1
+    # All arms rest at each switch, where the fingers move, so that every phase can be timed for itself.
+    at_rest = np.ones_like(problem.arm_at_rest)
     path = problem._replace(
         clearance=_path_clearances(problem, S),
         regularization_target=start.q,
@@ -145,7 +145,7 @@ def _path_clearances(problem: Problem, steps: int) -> Float[np.ndarray, "slices 
     part = np.full(steps, PhasePart.MIDDLE)
     part[:LEAVING_STEPS] = PhasePart.START
     part[-COMING_STEPS:] = PhasePart.END
-    of_phases = np.asarray(problem.phase_clearance)
+    of_phases = np.asarray(problem.phase_clearance)[:-1]
     return of_phases[:, part].reshape(-1, of_phases.shape[-1])
 
 
@@ -188,7 +188,7 @@ def _clear_postures(
     for lane, pose in enumerate(wanted):
         angles[lane] = coming[pose.phase, pose.arm]
         is_up[lane] = pose.is_up
-    shifted = np.asarray(shift_gripper(model, angles, is_up, np.asarray(CLEARANCE)))
+    shifted = np.asarray(shift_gripper(model, angles, is_up, np.full(lanes, CLEARANCE)))
 
     for lane, pose in enumerate(wanted):
         target = coming if pose.is_before else going

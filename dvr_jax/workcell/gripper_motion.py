@@ -19,7 +19,7 @@ def shift_gripper(
     model: WorkcellModel,
     q: Float[Array, "lanes joints"],
     up: Bool[Array, " lanes"],
-    distance: Float[Array, ""],
+    distance: Float[Array, " lanes"],
 ) -> Float[Array, "lanes joints"]:
     """Joint angles of one arm each with the gripper moved straight up, or back along its approach.
 

@@ -171,6 +171,16 @@ class Robot:
         return self._numbers("joint_acceleration", self.number_of_joints)
 
     @cached_property
+    def joint_jerk(self) -> Float[np.ndarray, " joints"]:
+        """Largest joint jerks [rad/s^3]; infinite where the MJCF states none."""
+        return self._numbers_or_infinity("joint_jerk")
+
+    @cached_property
+    def joint_torque(self) -> Float[np.ndarray, " joints"]:
+        """Largest joint torques [N m]; infinite where the MJCF states none."""
+        return self._numbers_or_infinity("joint_torque")
+
+    @cached_property
     def finger_speed(self) -> float:
         """Largest speed of one finger [m/s]."""
         return float(self._numbers("finger_speed", 1)[0])
@@ -369,6 +379,12 @@ class Robot:
                 f"valid are {count}."
             )
         return values
+
+    def _numbers_or_infinity(self, name: str) -> Float[np.ndarray, " joints"]:
+        """Values of a ``<numeric>`` of the MJCF that need not be there, one for each joint."""
+        if mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_NUMERIC, name) < 0:
+            return np.full(self.number_of_joints, np.inf)
+        return self._numbers(name, self.number_of_joints)
 
     def _text(self, name: str) -> str:
         """Value of a ``<text>`` of the MJCF."""

@@ -1,0 +1,106 @@
+"""The retreat of the hand that has released the last object: straight back along its approach axis."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from dvr_jax.modes.mode import ModeKind
+from dvr_jax.nlp.body_clearances import PhasePart
+from dvr_jax.nlp.problem import Problem, Variables
+from dvr_jax.runtime.batch_sizes import batch_sizes
+from dvr_jax.seeds.initial_paths import SHIFT_LANES, STEPS_PER_PHASE
+from dvr_jax.solver.continuous_collision import PATH_SAMPLES
+from dvr_jax.solver.iteration import lay_out_chunks, measure_chunk
+from dvr_jax.solver.lane_pool import stack
+from dvr_jax.workcell.gripper_motion import shift_gripper
+from dvr_jax.workcell.model import WorkcellModel
+
+RETREAT_STEPS = 10
+"""Number of equal parts of the longest retreat; the longest of these retreats that is free is taken."""
+
+PENETRATION = 1e-3
+"""By how much a retreat may fall short of the clearances, the tolerance of the path NLP [m]."""
+
+
+def retreat(
+    model: WorkcellModel,
+    problem: Problem,
+    q: Float[np.ndarray, "slices joints"],
+    m: Float[np.ndarray, "phases 4"],
+    distance: float,
+) -> Float[np.ndarray, "steps joints"]:
+    """Return the postures of a retreat after the last action, as long as there is room.
+
+    Args:
+        model: Arms of the workcell.
+        problem: Keyframe NLP of the sequence.
+        q: Joint angles of the path [rad].
+        m: Mode parameters.
+        distance: Longest retreat [m].
+
+    Returns:
+        Joint angles of all arms in steps of equal distance [rad]; none where the last action releases nothing, or where
+        there is no room.
+    """
+    item = int(problem.switched_object[-1])
+    arm = int(problem.mode_parent[-2, item])
+    released = (
+        int(problem.mode_kind[-2, item]) == ModeKind.HELD
+        and int(problem.mode_kind[-1, item]) != ModeKind.HELD
+    )
+    if not released or distance == 0:
+        return np.zeros((0, q.shape[1]))
+
+    # Postures of the arm that moves, from the nearest to the farthest.
+    arms = model.structure.number_of_arms
+    posture = np.asarray(q[-1]).reshape(arms, -1)
+    angles = np.tile(posture[arm], (SHIFT_LANES, 1))
+    distances = np.zeros(SHIFT_LANES)
+    distances[:RETREAT_STEPS] = distance * np.arange(1, RETREAT_STEPS + 1) / RETREAT_STEPS
+    shifted = np.asarray(shift_gripper(model, angles, np.zeros(SHIFT_LANES, bool), distances))
+    postures = np.tile(posture, (RETREAT_STEPS, 1, 1))
+    postures[:, arm] = shifted[:RETREAT_STEPS]
+
+    # An arm without a solution stays where it is.
+    moves = np.abs(shifted[:RETREAT_STEPS] - posture[arm]).max(axis=1) > 0
+    free = _distances(model, problem, postures.reshape(RETREAT_STEPS, -1), m) >= -PENETRATION
+    blocked = np.flatnonzero(~(free & moves))
+    return postures.reshape(RETREAT_STEPS, -1)[: blocked[0] if len(blocked) else RETREAT_STEPS]
+
+
+def _distances(
+    model: WorkcellModel,
+    problem: Problem,
+    q: Float[np.ndarray, "steps joints"],
+    m: Float[np.ndarray, "phases 4"],
+) -> Float[np.ndarray, " steps"]:
+    """Return the least distance less clearance of any two bodies after the last action, for some postures [m].
+
+    They take the place of the slices of a path, so that the compiled programs of the solver can be used.
+    """
+    K = len(m)
+    T = K * STEPS_PER_PHASE
+    D = q.shape[1]
+    slices = np.concatenate([q, np.tile(q[-1:], (T - len(q), 1))])
+
+    def of_phases(rows: np.ndarray) -> np.ndarray:
+        """Give all phases the state after the last action."""
+        return np.repeat(np.asarray(rows)[-1:], K + 1, axis=0)
+
+    clearance = problem.phase_clearance[-1:, PhasePart.START]
+    after = problem._replace(
+        mode_kind=of_phases(problem.mode_kind),
+        mode_parent=of_phases(problem.mode_parent),
+        mode_action=of_phases(problem.mode_action),
+        finger_opening=of_phases(problem.finger_opening),
+        regularization_target=slices,
+        regularization_weight=np.zeros_like(slices),
+        clearance=np.repeat(clearance, T, axis=0),
+        sample_fraction=np.ones((T, PATH_SAMPLES)),
+        sample_offset=np.zeros((T, PATH_SAMPLES, D)),
+    )
+    batch, x = stack([(after, Variables(slices, m))] * batch_sizes().path_lanes)
+    chunks = lay_out_chunks(batch, x)
+    found = [np.asarray(measure_chunk(model, chunk).distance).min(axis=1) for chunk in chunks]
+    return np.concatenate(found)[: T * PATH_SAMPLES : PATH_SAMPLES][: len(q)]
