@@ -14,6 +14,7 @@ keeps the path. The motion is then sampled, and what lies between the samples is
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -72,7 +73,10 @@ class MotionLimits:
 
 
 def time_optimal(
-    points: Float[np.ndarray, "points joints"], limits: MotionLimits, torques: Torques
+    points: Float[np.ndarray, "points joints"],
+    limits: MotionLimits,
+    torques: Torques,
+    shortest_times: Float[np.ndarray, " points-1"] | None = None,
 ) -> Float[np.ndarray, "samples joints"]:
     """Return the samples of a fast motion through the points of a path, at rest at both ends.
 
@@ -80,6 +84,7 @@ def time_optimal(
         points: Joint angles of dense points of a smooth path [rad].
         limits: Limits of the joints.
         torques: Inverse dynamics with what the arms hold.
+        shortest_times: Shortest time from each point to the next one [s]; 0, or None, where only the limits count.
 
     Returns:
         Joint angles at times that are `TIME_STEP` apart [rad], the first and the last of them at the ends of the path;
@@ -98,8 +103,9 @@ def time_optimal(
     column = np.interp(even, length[kept], np.flatnonzero(kept))
     smooth = CubicSpline(np.arange(len(points)), points)(column)
     path = CubicSpline(even, smooth)
+    fastest = _speed_limit(length, shortest_times)
 
-    parameter = _smoothed(_fastest_parameter(path, limits, torques))
+    parameter = _smoothed(_fastest_parameter(path, limits, torques, fastest))
     factor = 1.0
     for _ in range(20):
         samples = path(_resampled(parameter, factor))
@@ -110,8 +116,33 @@ def time_optimal(
     return np.asarray(samples)
 
 
+def _speed_limit(
+    length: Float[np.ndarray, " points"], shortest_times: Float[np.ndarray, " points-1"] | None
+) -> Callable[[float], float]:
+    """Return the largest speed along a path as a function of its parameter.
+
+    Args:
+        length: Parameter at each point.
+        shortest_times: Shortest time from each point to the next one [s].
+    """
+    if shortest_times is None or not shortest_times.any():
+        return lambda parameter: math.inf
+    fastest = np.full(len(shortest_times), np.inf)
+    is_slow = shortest_times > 0
+    fastest[is_slow] = np.diff(length)[is_slow] / shortest_times[is_slow]
+
+    def limit(parameter: float) -> float:
+        interval = int(np.searchsorted(length, parameter, side="right")) - 1
+        return float(fastest[min(max(interval, 0), len(fastest) - 1)])
+
+    return limit
+
+
 def _fastest_parameter(
-    path: CubicSpline, limits: MotionLimits, torques: Torques
+    path: CubicSpline,
+    limits: MotionLimits,
+    torques: Torques,
+    fastest: Callable[[float], float],
 ) -> Float[np.ndarray, " steps"]:
     """Return the parameter of the fastest motion along a path every millisecond, by TOPP-RA."""
     import toppra
@@ -119,14 +150,19 @@ def _fastest_parameter(
     from toppra.constraint import (
         JointAccelerationConstraint,
         JointTorqueConstraint,
-        JointVelocityConstraint,
+        JointVelocityConstraintVarying,
     )
 
     def both(limit: Float[np.ndarray, " joints"]) -> Float[np.ndarray, "joints 2"]:
         return LIMIT_FRACTION * np.stack([-limit, limit], axis=1)
 
+    def velocity_limits(parameter: float) -> Float[np.ndarray, "joints 2"]:
+        """Limits of the joint velocities, lower where the speed along the path is limited."""
+        along = np.abs(path(parameter, 1)) * fastest(parameter)
+        return both(np.minimum(limits.velocity, np.maximum(np.nan_to_num(along, nan=np.inf), 1e-3)))
+
     constraints = [
-        JointVelocityConstraint(both(limits.velocity)),
+        JointVelocityConstraintVarying(velocity_limits),
         JointAccelerationConstraint(both(limits.acceleration)),
     ]
     if np.isfinite(limits.torque).any():

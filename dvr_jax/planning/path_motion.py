@@ -29,8 +29,8 @@ from dvr_jax.motion.joint_curve import joint_curve
 from dvr_jax.motion.motion import Motion, make_motion
 from dvr_jax.motion.retiming import TIME_STEP, MotionLimits, Torques, time_optimal
 from dvr_jax.nlp.problem import Problem
-from dvr_jax.planning.retreat import retreat
-from dvr_jax.scene.layout import qpos_layout
+from dvr_jax.planning.retreat import RETREAT_STEPS, retreat
+from dvr_jax.scene.layout import home_qpos, qpos_layout
 from dvr_jax.scene.mjcf import OBJECT_DENSITY, build_model
 from dvr_jax.scene.types import Scene
 from dvr_jax.workcell.model import workcell_model
@@ -41,6 +41,10 @@ CURVE_POINTS = 12
 
 FINGER_SPEED_FRACTION = 0.9
 """Fraction of the limit of finger speed that a motion may use."""
+
+STRAIGHT_SPEED = 0.15
+"""Largest speed of a hand in the interval before and after a switch in which it takes part [m/s]. Servos follow a slow
+hand closely, where fingers pass an object at a distance of millimeters."""
 
 SHORTEST_PAUSE = 0.1
 """Shortest time for which the arms rest at a switch [s]."""
@@ -89,7 +93,8 @@ def interpolate(
     for k in range(K):
         # The last interval of a phase is a pause, which has its own duration.
         points = curve(np.linspace(k * S, (k + 1) * S - 1, CURVE_POINTS * (S - 1) + 1))
-        moving = time_optimal(points, limits, _torques(scene, problem, k))[1:]
+        times = _shortest_times(scene, problem, points, k)
+        moving = time_optimal(points, limits, _torques(scene, problem, k), times)[1:]
         parts.append(_moving_part(moving, opening[k], k))
         parts.append(_pause(scene.workcell.robot, q[(k + 1) * S - 1], opening[k : k + 2], k))
 
@@ -166,6 +171,40 @@ def _torques(scene: Scene, problem: Problem, phase: int) -> Torques:
     return torques
 
 
+def _shortest_times(
+    scene: Scene, problem: Problem, points: Float[np.ndarray, "points joints"], phase: int
+) -> Float[np.ndarray, " points-1"]:
+    """Return the shortest time between points of a phase [s], so that hands are slow near what they grasp or release.
+
+    Args:
+        scene: Scene of the path.
+        problem: NLP of the path.
+        points: Joint angles along the phase [rad], `CURVE_POINTS` of them in each interval between two slices.
+        phase: Number of the phase.
+    """
+    # The first interval leaves the last switch, and the last one comes to the next switch.
+    arms = np.asarray(problem.arm_at_rest)
+    leaving = arms[phase - 1] if phase else np.zeros_like(arms[0])
+    times = np.zeros(len(points) - 1)
+    for first, own in ((0, leaving), (len(times) - CURVE_POINTS, arms[phase])):
+        part = slice(first, first + CURVE_POINTS + 1)
+        moved = _hand_travels(scene, points[part])[:, own > 0]
+        if moved.size:
+            times[first : first + CURVE_POINTS] = moved.max(axis=1) / STRAIGHT_SPEED
+    return times
+
+
+def _hand_travels(
+    scene: Scene, points: Float[np.ndarray, "points joints"]
+) -> Float[np.ndarray, "points-1 arms"]:
+    """Return how far each gripper center moves from each point to the next one [m]."""
+    layout = qpos_layout(scene)
+    qpos = np.tile(home_qpos(scene), (len(points), 1))
+    qpos[:, layout.arm_joints.reshape(-1)] = points
+    positions, _ = _gripper_frames(scene, qpos)
+    return np.asarray(np.linalg.norm(np.diff(positions, axis=0), axis=2))
+
+
 def _moving_part(
     joints: Float[np.ndarray, "samples joints"], opening: Float[np.ndarray, " arms"], phase: int
 ) -> _Part:
@@ -230,7 +269,8 @@ def _retreat_part(
     if len(away) < 2:
         return []
     points = np.concatenate([q[-1:], away])
-    moving = time_optimal(points, limits, _torques(scene, problem, K))[1:]
+    times = np.full(len(away), distance / RETREAT_STEPS / STRAIGHT_SPEED)
+    moving = time_optimal(points, limits, _torques(scene, problem, K), times)[1:]
     return [_moving_part(moving, np.asarray(problem.finger_opening)[-1], K)]
 
 
