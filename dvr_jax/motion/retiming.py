@@ -41,6 +41,9 @@ GRID_POINTS = 80
 SHORTEST_PATH = 1e-4
 """A path along which no joint moves for longer than this at full speed is none [s]."""
 
+SLOWEST_JOINT = 1e-3
+"""Velocity that each joint may have where the speed along a path is limited [rad/s]."""
+
 ROOM = 1e-3
 """How much a motion stays below its limits, as a fraction of them."""
 
@@ -158,8 +161,11 @@ def _fastest_parameter(
 
     def velocity_limits(parameter: float) -> Float[np.ndarray, "joints 2"]:
         """Limits of the joint velocities, lower where the speed along the path is limited."""
-        along = np.abs(path(parameter, 1)) * fastest(parameter)
-        return both(np.minimum(limits.velocity, np.maximum(np.nan_to_num(along, nan=np.inf), 1e-3)))
+        largest = fastest(parameter)
+        if math.isinf(largest):
+            return both(limits.velocity)
+        along = np.abs(path(parameter, 1)) * largest
+        return both(np.clip(along, SLOWEST_JOINT, limits.velocity))
 
     constraints = [
         JointVelocityConstraintVarying(velocity_limits),

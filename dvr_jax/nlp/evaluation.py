@@ -96,16 +96,14 @@ def evaluate_constraints(
     """
     B, K = x.m.shape[:2]
     samples = geometry.distance.shape[0] // B
-    T = x.q.shape[1]
 
-    def at_slices(value: Array) -> Array:
-        """(..., L) to (..., B, T): the last sample of each interval is the slice itself."""
-        by_problem = value.reshape(*value.shape[:-1], B, samples)
-        return by_problem[..., samples // T - 1 :: samples // T]
+    def by_problem(value: Array) -> Array:
+        """(..., L) to (..., B, samples)."""
+        return value.reshape(*value.shape[:-1], B, samples)
 
     def at_switch(value: Array) -> Array:
         """(..., L) to (..., B K)."""
-        at_ends = at_slices(value)[..., T // K - 1 :: T // K]
+        at_ends = by_problem(value)[..., samples // K - 1 :: samples // K]
         return at_ends.reshape(*value.shape[:-1], B * K)
 
     given = EvaluationInput(
@@ -116,8 +114,8 @@ def evaluate_constraints(
             HandPoses(at_switch(geometry.hands.rotation), at_switch(geometry.hands.position)),
             at_switch(geometry.screws),
         ),
-        hands=HandPoses(at_slices(geometry.hands.rotation), at_slices(geometry.hands.position)),
-        screws=at_slices(geometry.screws),
+        hands=HandPoses(by_problem(geometry.hands.rotation), by_problem(geometry.hands.position)),
+        screws=by_problem(geometry.screws),
         joint_limits=jnp.tile(model.joint_limits, (1, model.structure.number_of_arms)),
     )
     return {block.name: block.evaluate(given) for block in CONSTRAINT_BLOCKS}

@@ -126,10 +126,10 @@ class EvaluationInput(NamedTuple):
     """Poses of the grippers and twists of the joints at the switches."""
 
     hands: HandPoses
-    """Poses of the grippers at all slices, with the batch axes (A, B, T)."""
+    """Poses of the grippers at all samples, with the batch axes (A, B, T M)."""
 
-    screws: Float[Array, "6 joints batch slices"]
-    """World twists of the joints at all slices."""
+    screws: Float[Array, "6 joints batch samples"]
+    """World twists of the joints at all samples."""
 
     joint_limits: Float[Array, "2 joints"]
     """Lower and upper limits of all joints [rad]."""

@@ -3,16 +3,21 @@ r"""Two blocks let a hand come to a grasp, and leave an object that it has relea
 A *straight motion* lies between two neighboring slices: the *near* one, at which the hand is at the object, and the *far*
 one, at which it is the distance d away. A phase of a path has two of them: the hand that released an object at the last
 switch leaves it in the first interval of the phase, and the hand that grasps an object at the next switch comes to it in
-the last interval but one, since the fingers move in the last one. With the poses (R_n, p_n) and (R_f, p_f) of the hand,
+the last interval but one, since the fingers move in the last one. Let (R_n, p_n) be the pose of the hand at the near
+slice, and (R, p) its pose at a point of the motion: at the far slice, or at a sample between the two.
 
-- the block of the straight line has five equalities: the components of ``p_f - p_n`` along the x and y axes of the near
-  hand [m], and ``2 e``, where (w, e) is the quaternion of ``R_f R_n^T`` (`dvr_jax.nlp.blocks.mode_switch`) [rad];
-- the block of the distance has one inequality, ``d + z_n . (p_f - p_n) <= 0`` [m], with the approach axis z_n.
+- The block of the straight line has five equalities for each point: the components of ``p - p_n`` along the x and y axes
+  of the near hand [m], and ``2 e``, where (w, e) is the quaternion of ``R R_n^T`` (`dvr_jax.nlp.blocks.mode_switch`)
+  [rad].
+- The block of the distance has one inequality, ``d + z_n . (p - p_n) <= 0`` [m], for the far slice, with the approach
+  axis z_n.
 
-A hand turns with the angular velocity omega of its joints, and its center moves with v, so that
+A hand turns with the angular velocity omega of its joints, and the point at p that moves with it has the velocity v(p).
+For an axis a_n of the near hand,
 
-    d(a_n . (p_f - p_n)) = a_n . v_f - a_n . (v_n + omega_n x (p_f - p_n))                  for an axis a_n of the near hand,
-    d(2 e) = w (omega_f - omega_n) + (omega_f + omega_n) x e.
+    d(a_n . (p - p_n)) = a_n . v(p) - a_n . v_n(p),        d(2 e) = w (omega - omega_n) + (omega + omega_n) x e.
+
+The joint angles at a sample of the fraction s are those of its interval's slices, weighted by s and 1 - s.
 """
 
 from __future__ import annotations
@@ -63,19 +68,27 @@ MOTIONS = 2
 """Number of straight motions of a phase: one that leaves the last switch, and one that comes to the next one."""
 
 
+LINE_ROWS = np.array([0, 1, 3, 4, 5])
+"""Components of an offset that the line keeps at zero: all but the one along the approach axis."""
+
+
 class StraightMotions(NamedTuple):
-    """All straight motions of B problems, with their derivatives; the axes are B problems, K phases and 2 motions."""
+    """Points of all straight motions of B problems, with their derivatives.
 
-    offset: Float[Array, "batch phases 2 6"]
-    """Components of ``p_f - p_n`` along x, y and z of the near hand [m], and 2 e [rad]."""
+    The axes are B problems, K phases, 2 motions, and M points of each motion. The last point is the far end, the others
+    are the samples between the two slices.
+    """
 
-    angle: Float[Array, "batch phases 2"]
+    offset: Float[Array, "batch phases 2 points 6"]
+    """Components of ``p - p_n`` along x, y and z of the near hand [m], and 2 e [rad]."""
+
+    angle: Float[Array, "batch phases 2 points"]
     """Turn of the hand [rad]."""
 
-    by_near: Float[Array, "batch phases 2 6 joints"]
+    by_near: Float[Array, "batch phases 2 points 6 joints"]
     """Derivatives by the joint angles of all arms at the near slice."""
 
-    by_far: Float[Array, "batch phases 2 6 joints"]
+    by_far: Float[Array, "batch phases 2 points 6 joints"]
     """Derivatives by the joint angles of all arms at the far slice."""
 
 
@@ -87,92 +100,119 @@ class StraightJacobian(NamedTuple):
 
 
 def near_and_far(phases: int, steps: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the near and the far slices (K, 2) of all straight motions; that of a motion that is none is -1.
+    """Return the near and the far slices (K, 2) of all straight motions.
 
     Args:
         phases: Number K of phases.
         steps: Number S of slices in each phase.
     """
+    # Phase 0 has no switch to leave; any slices will do for this motion, whose length is 0.
     first = np.arange(phases) * steps
-    near = np.stack([first - 1, first + steps - 2], axis=1)
-    far = np.stack([first, first + steps - 3], axis=1)
+    near = np.stack([np.maximum(first - 1, 0), first + steps - 2], axis=1)
+    far = np.stack([np.maximum(first, 1), first + steps - 3], axis=1)
     return near, far
 
 
 def straight_motions(given: EvaluationInput) -> StraightMotions:
-    """Compute all straight motions and their derivatives."""
+    """Compute points of all straight motions and their derivatives."""
     problems = given.problems
     B, T, D = given.x.q.shape
     K = given.x.m.shape[1]
-    arms = problems.straight_arm
-    hands = given.hands
-    A = hands.position.shape[1]
+    M = problems.sample_fraction.shape[2]
+    A = given.hands.position.shape[1]
 
-    near, far = (np.maximum(index, 0).reshape(-1) for index in near_and_far(K, T // K))
-    own = jnp.asarray(arms.reshape(B, -1)[None] == jnp.arange(A)[:, None, None], given.x.q.dtype)
+    # Samples of the near slices (K, 2), and of the points: those of the interval that lies between both slices, in which
+    # the far end takes the place of the last sample.
+    near, far = near_and_far(K, T // K)
+    later = np.maximum(near, far)
+    point = later[..., None] * M + np.arange(M)
+    point[..., -1] = far * M + M - 1
+    start = np.broadcast_to(near[..., None] * M + M - 1, point.shape)
 
-    def of_arm(value: Array, index: np.ndarray) -> Array:
-        """Take (..., A, B, T) at slices, and of each motion the arm that moves: (..., B, 2 K)."""
-        return materialize((value[..., index] * own).sum(-3))
+    # The part of a point's motion that is due to the far slice.
+    of_later = jnp.asarray(problems.sample_fraction)[:, later]
+    is_far_later = (far > near)[..., None]
+    share = jnp.where(is_far_later, of_later, 1 - of_later).at[..., -1].set(1)
 
-    R_n = of_arm(hands.rotation, near)
-    R_f = of_arm(hands.rotation, far)
-    p_n = of_arm(hands.position, near)
-    p_f = of_arm(hands.position, far)
-    apart = materialize(p_f - p_n)
-    difference = materialize(compose(R_f, transpose(R_n)))
+    own = problems.straight_arm[..., None] == jnp.arange(A)
+    own = jnp.asarray(own, given.x.q.dtype).transpose(3, 0, 1, 2)[..., None]
+
+    def at_points(value: Array, index: np.ndarray) -> Array:
+        """Take the arm that moves at samples: (..., A, B, T M) to (..., B, K, 2, M)."""
+        return materialize((value[..., index] * own).sum(-5))
+
+    R_n = at_points(given.hands.rotation, start)
+    R_p = at_points(given.hands.rotation, point)
+    p_n = at_points(given.hands.position, start)
+    p_p = at_points(given.hands.position, point)
+    apart = materialize(p_p - p_n)
+    difference = materialize(compose(R_p, transpose(R_n)))
     w, e = materialize(half_rotation_vector(difference))
 
-    # Twists of the joints (6, D, B, 2 K); those of other arms than the one that moves are zero.
+    # Twists of the joints (6, D, B, K, 2, M); those of other arms than the one that moves are zero.
     moves = jnp.repeat(own, D // A, axis=0)
-    screws_n, screws_f = materialize((given.screws[..., near] * moves, given.screws[..., far] * moves))
-    turn_n, turn_f = screws_n[:3], screws_f[:3]
-    v_n = screws_n[3:] + cross(turn_n, p_n[:, None])
-    v_f = screws_f[3:] + cross(turn_f, p_f[:, None])
-    v_n, v_f = materialize((v_n + cross(turn_n, apart[:, None]), v_f))
+    screws_n, screws_p = materialize(
+        (given.screws[..., start] * moves, given.screws[..., point] * moves)
+    )
+    turn_n = screws_n[:3]
+    turn_p = screws_p[:3]
+    v_n = screws_n[3:] + cross(turn_n, p_p[:, None])
+    v_p = screws_p[3:] + cross(turn_p, p_p[:, None])
+    v_n, v_p = materialize((v_n, v_p))
 
-    offset = [dot(R_n[i], apart) for i in range(3)]
-    near_rows = [-dot(R_n[i][:, None], v_n) for i in range(3)]
-    far_rows = [dot(R_n[i][:, None], v_f) for i in range(3)]
-    e_columns = e[:, None]
-    near_turn = -w * turn_n + cross(turn_n, jnp.broadcast_to(e_columns, turn_n.shape))
-    far_turn = w * turn_f + cross(turn_f, jnp.broadcast_to(e_columns, turn_f.shape))
-
-    def by_motion(rows: list[Array], turns: Array) -> Array:
-        """Stack rows (6, ..., B, 2 K) to (B, K, 2, 6, ...)."""
-        stacked = jnp.concatenate([jnp.stack(rows), turns])
-        motions = stacked.reshape(*stacked.shape[:-1], K, MOTIONS)
-        return jnp.moveaxis(motions, (-3, -2, -1), (0, 1, 2))
-
+    offset = jnp.concatenate([jnp.stack([dot(R_n[i], apart) for i in range(3)]), 2 * e])
+    by_start = jnp.concatenate(
+        [
+            jnp.stack([-dot(R_n[i][:, None], v_n) for i in range(3)]),
+            cross(turn_n, e[:, None]) - w * turn_n,
+        ]
+    )
+    by_point = jnp.concatenate(
+        [
+            jnp.stack([dot(R_n[i][:, None], v_p) for i in range(3)]),
+            cross(turn_p, e[:, None]) + w * turn_p,
+        ]
+    )
+    by_start, by_point = materialize((by_start, by_point))
     return StraightMotions(
-        offset=by_motion(offset, 2 * e),
-        angle=rotation_angle(difference).reshape(B, K, MOTIONS),
-        by_near=by_motion(near_rows, near_turn),
-        by_far=by_motion(far_rows, far_turn),
+        offset=jnp.moveaxis(offset, 0, -1),
+        angle=rotation_angle(difference),
+        by_near=jnp.moveaxis(by_start + (1 - share) * by_point, (0, 1), (-2, -1)),
+        by_far=jnp.moveaxis(share * by_point, (0, 1), (-2, -1)),
     )
 
 
-def _shape(horizon: Horizon, rows: int) -> tuple[int, ...]:
-    return (horizon.phases if horizon.is_path else 0, MOTIONS, rows)
+def _line_shape(horizon: Horizon) -> tuple[int, ...]:
+    return (horizon.phases if horizon.is_path else 0, MOTIONS, len(LINE_ROWS) * horizon.samples)
+
+
+def _distance_shape(horizon: Horizon) -> tuple[int, ...]:
+    return (horizon.phases if horizon.is_path else 0, MOTIONS, 1)
 
 
 def _evaluate_line(given: EvaluationInput) -> Evaluation:
-    """Evaluate the rows of the straight line."""
-    if given.x.q.shape[1] == given.x.m.shape[1]:
-        return _no_rows(given, 5, 2)
+    """Evaluate the rows of the straight line, point after point."""
+    B, K = given.x.m.shape[:2]
+    M = given.problems.sample_fraction.shape[2]
+    rows_of_motion = len(LINE_ROWS) * M
+    if given.x.q.shape[1] == K:
+        return _no_rows(given, rows_of_motion, 2)
     motions = straight_motions(given)
-    is_motion = (given.problems.straight_distance > 0)[..., None]
-    chosen = np.array([0, 1, 3, 4, 5])
-    rows = jnp.where(is_motion, motions.offset[..., chosen], 0)
-    jacobian = StraightJacobian(
-        *(
-            jnp.where(is_motion[..., None], value[..., chosen, :], 0)
-            for value in (motions.by_near, motions.by_far)
-        )
+    is_motion = (jnp.asarray(given.problems.straight_distance) > 0)[..., None]
+    rows = jnp.where(is_motion[..., None], motions.offset[..., LINE_ROWS], 0)
+
+    def of_line(value: Array) -> Array:
+        """Derivatives (B, K, 2, M, 6, D) of the rows of the line: (B, K, 2, 5 M, D)."""
+        chosen = jnp.where(is_motion[..., None, None], value[..., LINE_ROWS, :], 0)
+        return chosen.reshape(B, K, MOTIONS, rows_of_motion, -1)
+
+    sideways = jnp.sqrt((rows[..., :2] ** 2).sum(-1)).max(axis=(1, 2, 3))
+    angle = jnp.where(is_motion, motions.angle, 0).max(axis=(1, 2, 3))
+    return Evaluation(
+        rows.reshape(B, K, MOTIONS, rows_of_motion),
+        StraightJacobian(of_line(motions.by_near), of_line(motions.by_far)),
+        (sideways, angle),
     )
-    sideways = jnp.sqrt((rows[..., :2] ** 2).sum(-1)).max(axis=(1, 2))
-    angle = jnp.where(is_motion[..., 0], motions.angle, 0).max(axis=(1, 2))
-    return Evaluation(rows, jacobian, (sideways, angle))
 
 
 def _evaluate_distance(given: EvaluationInput) -> Evaluation:
@@ -180,12 +220,12 @@ def _evaluate_distance(given: EvaluationInput) -> Evaluation:
     if given.x.q.shape[1] == given.x.m.shape[1]:
         return _no_rows(given, 1, 1)
     motions = straight_motions(given)
-    distance = given.problems.straight_distance[..., None]
+    distance = jnp.asarray(given.problems.straight_distance)[..., None]
     is_motion = distance > 0
-    rows = jnp.where(is_motion, distance + motions.offset[..., 2:3], -1)
+    rows = jnp.where(is_motion, distance + motions.offset[..., -1, 2:3], -1)
     jacobian = StraightJacobian(
         *(
-            jnp.where(is_motion[..., None], value[..., 2:3, :], 0)
+            jnp.where(is_motion[..., None], value[..., -1, 2:3, :], 0)
             for value in (motions.by_near, motions.by_far)
         )
     )
@@ -215,8 +255,7 @@ def _add_to_system(
     if T == K:
         return parts
 
-    # A motion of phase 0 that leaves a switch does not exist; its rows are zero.
-    near, far = (np.maximum(index, 0) for index in near_and_far(K, T // K))
+    near, far = near_and_far(K, T // K)
     weighted_near = jacobian.by_near * active_penalty[..., None]
     weighted_far = jacobian.by_far * active_penalty[..., None]
 
@@ -237,9 +276,9 @@ def _add_to_system(
     return parts._replace(blocks=blocks, coupling=coupling, gradient_q=gradient)
 
 
-def _line_scale(horizon: Horizon) -> Float[np.ndarray, "phases 2 5"]:
+def _line_scale(horizon: Horizon) -> Float[np.ndarray, "phases 2 rows"]:
     scales = np.repeat([POSITION_SCALE, ROTATION_SCALE], [2, 3])
-    return np.broadcast_to(scales, _shape(horizon, 5))
+    return np.broadcast_to(np.tile(scales, horizon.samples), _line_shape(horizon))
 
 
 def _distance_scale(horizon: Horizon) -> float:
@@ -253,7 +292,7 @@ STRAIGHT_LINE = ConstraintBlock(
         Measure("sideways", "m", SIDEWAYS_TOLERANCE),
         Measure("turn", "rad", TURN_TOLERANCE),
     ),
-    shape=lambda horizon: _shape(horizon, 5),
+    shape=_line_shape,
     scale=_line_scale,
     evaluate=_evaluate_line,
     add_to_system=_add_to_system,
@@ -264,7 +303,7 @@ STRAIGHT_DISTANCE = ConstraintBlock(
     name="straight_distance",
     kind=ConstraintKind.INEQUALITY,
     measures=(Measure("approach", "m", DISTANCE_TOLERANCE),),
-    shape=lambda horizon: _shape(horizon, 1),
+    shape=_distance_shape,
     scale=_distance_scale,
     evaluate=_evaluate_distance,
     add_to_system=_add_to_system,
