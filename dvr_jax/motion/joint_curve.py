@@ -5,25 +5,32 @@ constructing local monotone piecewise cubic interpolants" (SIAM Journal on Scien
 That interpolant has two second derivatives at a slice, one on either side. The curve takes the smaller one of them, and
 zero if their signs differ, and is the polynomial of degree five that has these values at both ends of an interval.
 
-Its second derivative is therefore continuous, so that a motion along it needs no infinite jerk. An arm that has the same
+In some intervals an arm moves *straight* in joint space: all of its joints follow one time law, so that its hand stays
+near a straight line. One end of such an interval is at rest. At the other end the slope of the arm is a multiple of the
+step of the interval, by the same rule, and the second derivative is zero.
+
+The second derivative of the curve is therefore continuous, so that a motion along it needs no infinite jerk. An arm that has the same
 posture at two slices rests between them.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.interpolate import PchipInterpolator, PPoly
 
 
 def joint_curve(
-    home: Float[np.ndarray, " joints"], q: Float[np.ndarray, "slices joints"]
+    home: Float[np.ndarray, " joints"],
+    q: Float[np.ndarray, "slices joints"],
+    straight: Bool[np.ndarray, "slices arms"] | None = None,
 ) -> PPoly:
     """Interpolate the joint angles of a path over its slices.
 
     Args:
         home: Joint angles of all arms at slice 0, the beginning of the motion [rad].
         q: Joint angles at the slices 1 to T [rad]; `dvr_jax.nlp.problem` counts these slices from 0.
+        straight: Whether each arm moves straight in the interval before each of these slices; nowhere by default.
 
     Returns:
         A function from slice numbers in [0, T], which need not be whole, to joint angles [rad].
@@ -43,7 +50,43 @@ def joint_curve(
         np.sign(right[1:]) * np.minimum(np.abs(left[:-1]), np.abs(right[1:])),
         0,
     )
+    if straight is not None:
+        _align(angles, slope, bend, straight)
     return PPoly(_quintic_coefficients(angles, slope, bend), slices)
+
+
+def _align(
+    angles: Float[np.ndarray, "knots joints"],
+    slope: Float[np.ndarray, "knots joints"],
+    bend: Float[np.ndarray, "knots joints"],
+    straight: Bool[np.ndarray, "slices arms"],
+) -> None:
+    """Change slopes and second derivatives at both ends of straight intervals, in place.
+
+    Args:
+        angles: Angles at the knots; knot i + 2 is slice i.
+        slope: First derivatives.
+        bend: Second derivatives.
+        straight: Whether each arm moves straight in the interval before each slice.
+    """
+    joints = angles.shape[1] // straight.shape[1]
+    for index, arm in np.argwhere(straight).tolist():
+        knot = index + 2
+        own = slice(arm * joints, (arm + 1) * joints)
+        step = angles[knot, own] - angles[knot - 1, own]
+
+        # The arm rests on that side of the interval where its slope is smaller.
+        rests_after = np.abs(slope[knot, own]).max() <= np.abs(slope[knot - 1, own]).max()
+        moving = knot - 1 if rests_after else knot
+        other = angles[moving - 1, own] if rests_after else angles[moving + 1, own]
+        beyond = angles[moving, own] - other if rests_after else other - angles[moving, own]
+
+        # The harmonic mean of both steps along the direction of the straight one; zero where they oppose each other.
+        length = float(step @ step)
+        ratio = float(beyond @ step) / length if length > 0 else 0.0
+        slope[moving, own] = 2 * ratio / (1 + ratio) * step if ratio > 0 else 0.0
+        bend[[knot - 1, knot], own] = 0.0
+        slope[knot if rests_after else knot - 1, own] = 0.0
 
 
 def _quintic_coefficients(

@@ -33,6 +33,7 @@ from dvr_jax.planning.retreat import RETREAT_STEPS, retreat
 from dvr_jax.scene.layout import home_qpos, qpos_layout
 from dvr_jax.scene.mjcf import OBJECT_DENSITY, build_model
 from dvr_jax.scene.types import Scene
+from dvr_jax.solver.continuous_collision import straight_intervals
 from dvr_jax.workcell.model import workcell_model
 from dvr_jax.workcell.robot import Robot
 
@@ -86,7 +87,7 @@ def interpolate(
     home = np.asarray(problem.home)
     opening = np.asarray(problem.finger_opening)
     q = _at_rest(problem, q)
-    curve = joint_curve(home, q)
+    curve = joint_curve(home, q, straight_intervals(problem, len(q)))
     limits = _limits(scene.workcell.robot, scene.workcell.number_of_arms)
 
     parts = [_Part(home[None], opening[:1], np.zeros(1, int))]

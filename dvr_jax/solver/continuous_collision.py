@@ -12,10 +12,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
-from scipy.interpolate import PchipInterpolator
+from jaxtyping import Bool, Float
+from scipy.interpolate import PPoly
 
 from dvr_jax.motion.joint_curve import joint_curve
+from dvr_jax.nlp.blocks.straight_motion import near_and_far
 from dvr_jax.nlp.problem import Problem, Variables
 from dvr_jax.solver.iteration import lay_out_chunks, measure_chunk
 from dvr_jax.workcell.model import WorkcellModel
@@ -57,14 +58,38 @@ def place_samples(
         fraction: Positions of the samples in each interval, from 0 to 1.
     """
     home = np.asarray(problem.home)
-    offset = _deviation(home, q, joint_curve(home, q), fraction)
+    curve = joint_curve(home, q, straight_intervals(problem, len(q)))
+    offset = _deviation(home, q, curve, fraction)
     return problem._replace(sample_fraction=fraction, sample_offset=offset)
+
+
+def straight_intervals(problem: Problem, slices: int) -> Bool[np.ndarray, "slices arms"]:
+    """Return whether each arm moves straight in the interval before each slice of a path.
+
+    Args:
+        problem: The NLP, without batch axes.
+        slices: Number T of slices.
+    """
+    distance = np.asarray(problem.straight_distance)
+    arm = np.asarray(problem.straight_arm)
+    near, far = near_and_far(len(distance), slices // len(distance))
+    straight = np.zeros((slices, problem.still_arm.shape[-1]), bool)
+    for phase, motion in np.argwhere(distance > 0).tolist():
+        later = max(near[phase, motion], far[phase, motion])
+        straight[later, arm[phase, motion]] = True
+    return straight
+
+
+def _lane_of(problems: Problem, lane: int) -> Problem:
+    """Return what `straight_intervals` needs of one problem of a batch."""
+    names = ("straight_distance", "straight_arm", "still_arm")
+    return problems._replace(**{name: np.asarray(getattr(problems, name))[lane] for name in names})
 
 
 def _deviation(
     home: Float[np.ndarray, " joints"],
     q: Float[np.ndarray, "slices joints"],
-    curve: PchipInterpolator,
+    curve: PPoly,
     fraction: Float[np.ndarray, "slices samples"],
 ) -> Float[np.ndarray, "slices samples joints"]:
     """Compute by how much the motion through q deviates from linear interpolation at some fractions of the intervals.
@@ -117,7 +142,10 @@ def sample_penetration(model: WorkcellModel, problems: Problem, x: Variables) ->
     even = np.arange(1, SAMPLES_PER_SLICE) / SAMPLES_PER_SLICE
     home = np.asarray(problems.home)
     q = np.asarray(x.q)
-    curves = [joint_curve(*lane) for lane in zip(home, q, strict=True)]
+    curves = [
+        joint_curve(home[lane], q[lane], straight_intervals(_lane_of(problems, lane), T))
+        for lane in range(B)
+    ]
 
     def look(fraction: Float[np.ndarray, "lanes slices samples"]) -> PenetrationSamples:
         """Examine as many times as the NLP has samples, so that the solver's compiled programs can be used."""
