@@ -31,7 +31,7 @@ FINE_STEPS = 20
 SMOOTHING = 0.02
 """Length of the window over which the parameter of the path is averaged, twice [s]."""
 
-LIMIT_FRACTION = 0.95
+LIMIT_FRACTION = 0.98
 """Fraction of the limits of velocity, acceleration and torque for which the fastest motion is computed. The rest is
 left to the rounding of its jumps."""
 

@@ -43,7 +43,10 @@ CURVE_POINTS = 12
 FINGER_SPEED_FRACTION = 0.9
 """Fraction of the limit of finger speed that a motion may use."""
 
-STRAIGHT_SPEED = 0.15
+FINGER_RAMP = 0.15
+"""Fraction of the duration of a motion of the fingers in which they gain speed, and in which they lose it."""
+
+STRAIGHT_SPEED = 0.25
 """Largest speed of a hand in the interval before and after a switch in which it takes part [m/s]. Servos follow a slow
 hand closely, where fingers pass an object at a distance of millimeters."""
 
@@ -248,12 +251,20 @@ def _pause(
 def _finger_samples(
     robot: Robot, start: Float[np.ndarray, " arms"], end: Float[np.ndarray, " arms"]
 ) -> Float[np.ndarray, "samples arms"]:
-    """Return samples of fingers that move smoothly; the time law tau^2 (3 - 2 tau) has the top speed 1.5."""
+    """Return samples of fingers that move at a constant speed, but for a steady start and end.
+
+    With the fraction r of the duration for the start and as much for the end, the travel is ``top speed * (1 - r)``.
+    """
+    r = FINGER_RAMP
     fastest = FINGER_SPEED_FRACTION * robot.finger_speed
-    duration = 1.5 * float(np.abs(end - start).max()) / fastest
+    duration = float(np.abs(end - start).max()) / fastest / (1 - r)
     samples = math.ceil(duration / TIME_STEP)
     tau = (np.arange(1, samples + 1) / samples)[:, None]
-    return start + (end - start) * tau * tau * (3 - 2 * tau)
+    inner = np.clip(tau, r, 1 - r)
+    gaining = np.where(tau < r, tau**2 / (2 * r), inner - r / 2)
+    travelled = np.where(tau > 1 - r, 1 - r - (1 - tau) ** 2 / (2 * r), gaining)
+    law = travelled / (1 - r)
+    return start + (end - start) * law
 
 
 def _retreat_part(
