@@ -41,7 +41,7 @@ class PhasePart(IntEnum):
 
 def body_clearances(
     scene: Scene, states: Sequence[SkeletonState], switches: Sequence[ModeSwitch]
-) -> Float[np.ndarray, "phases+1 parts rows"]:
+) -> Float[np.ndarray, "states parts rows"]:
     """Return the clearances of all parts of all phases of a sequence, and of the time after it [m].
 
     Args:
