@@ -58,8 +58,12 @@ def place_samples(
         fraction: Positions of the samples in each interval, from 0 to 1.
     """
     home = np.asarray(problem.home)
-    curve = joint_curve(home, q, straight_intervals(problem, len(q)))
-    offset = _deviation(home, q, curve, fraction)
+    straight = straight_intervals(problem, len(q))
+    offset = _deviation(home, q, joint_curve(home, q, straight), fraction)
+
+    # An arm that moves straight in an interval stays on the line between both slices, wherever these move.
+    is_straight = np.repeat(straight, q.shape[1] // straight.shape[1], axis=1)
+    offset = np.where(is_straight[:, None], 0, offset)
     return problem._replace(sample_fraction=fraction, sample_offset=offset)
 
 

@@ -15,7 +15,7 @@ from dvr_jax.nlp.blocks.joint_limit import JOINT_LIMIT
 from dvr_jax.nlp.blocks.mode_switch import MODE_SWITCH
 from dvr_jax.nlp.blocks.parameter_bound import PARAMETER_BOUND
 from dvr_jax.nlp.blocks.rest import REST
-from dvr_jax.nlp.blocks.straight_motion import STRAIGHT_DISTANCE, STRAIGHT_LINE
+from dvr_jax.nlp.blocks.straight_motion import STRAIGHT_CORRIDOR, STRAIGHT_LINE
 
 CONSTRAINT_BLOCKS: tuple[ConstraintBlock, ...] = (
     COLLISION,
@@ -25,7 +25,7 @@ CONSTRAINT_BLOCKS: tuple[ConstraintBlock, ...] = (
     PARAMETER_BOUND,
     FOOTPRINT,
     STRAIGHT_LINE,
-    STRAIGHT_DISTANCE,
+    STRAIGHT_CORRIDOR,
 )
 """All constraint blocks, in the order in which their rows are stored."""
 
@@ -37,7 +37,7 @@ __all__ = [
     "MODE_SWITCH",
     "PARAMETER_BOUND",
     "REST",
-    "STRAIGHT_DISTANCE",
+    "STRAIGHT_CORRIDOR",
     "STRAIGHT_LINE",
     "ConstraintBlock",
     "ConstraintKind",

@@ -6,11 +6,11 @@ switch leaves it in the first interval of the phase, and the hand that grasps an
 the last interval but one, since the fingers move in the last one. Let (R_n, p_n) be the pose of the hand at the near
 slice, and (R, p) its pose at a point of the motion: at the far slice, or at a sample between the two.
 
-- The block of the straight line has five equalities for each point: the components of ``p - p_n`` along the x and y axes
-  of the near hand [m], and ``2 e``, where (w, e) is the quaternion of ``R R_n^T`` (`dvr_jax.nlp.blocks.mode_switch`)
-  [rad].
-- The block of the distance has one inequality, ``d + z_n . (p - p_n) <= 0`` [m], for the far slice, with the approach
-  axis z_n.
+- The block of the straight line has five equalities for the far slice: the components of ``p - p_n`` along the x and y
+  axes of the near hand [m], and ``2 e``, where (w, e) is the quaternion of ``R R_n^T``
+  (`dvr_jax.nlp.blocks.mode_switch`) [rad].
+- The block of the corridor has the inequality ``d + z_n . (p - p_n) <= 0`` [m] for the far slice, with the approach axis
+  z_n. For each sample between both slices it bounds the components along x and y by `CORRIDOR`, on either side.
 
 A hand turns with the angular velocity omega of its joints, and the point at p that moves with it has the velocity v(p).
 For an axis a_n of the near hand,
@@ -50,13 +50,23 @@ from dvr_jax.nlp.problem import Problem, Variables
 from dvr_jax.nlp.system import SystemParts
 
 SIDEWAYS_TOLERANCE = 2e-3
-"""Largest distance of the far hand of a feasible point from the straight line [m]."""
+"""Largest distance of the far hand of a feasible point from the approach axis [m]."""
 
 TURN_TOLERANCE = 2e-2
 """Largest turn of the hand between both ends of a straight motion of a feasible point [rad]."""
 
 DISTANCE_TOLERANCE = 2e-3
 """By how much the straight motion of a feasible point may be shorter than asked for [m]."""
+
+CORRIDOR = 1e-3
+"""Largest distance from the straight line between both ends, along each of two axes [m]. Between two slices joints move
+on straight lines in joint space, and their hands nearly do so."""
+
+CORRIDOR_TOLERANCE = 1e-3
+"""By how much a feasible point may leave this corridor [m]."""
+
+CORRIDOR_ROWS = 4
+"""Number of rows of each sample between both ends."""
 
 POSITION_SCALE = 1.0
 """Penalty of a row in meters relative to the common one."""
@@ -183,53 +193,67 @@ def straight_motions(given: EvaluationInput) -> StraightMotions:
 
 
 def _line_shape(horizon: Horizon) -> tuple[int, ...]:
-    return (horizon.phases if horizon.is_path else 0, MOTIONS, len(LINE_ROWS) * horizon.samples)
+    return (horizon.phases if horizon.is_path else 0, MOTIONS, len(LINE_ROWS))
 
 
-def _distance_shape(horizon: Horizon) -> tuple[int, ...]:
-    return (horizon.phases if horizon.is_path else 0, MOTIONS, 1)
+def _corridor_shape(horizon: Horizon) -> tuple[int, ...]:
+    between = horizon.samples - 1
+    return (horizon.phases if horizon.is_path else 0, MOTIONS, 1 + between * CORRIDOR_ROWS)
 
 
 def _evaluate_line(given: EvaluationInput) -> Evaluation:
-    """Evaluate the rows of the straight line, point after point."""
-    B, K = given.x.m.shape[:2]
-    M = given.problems.sample_fraction.shape[2]
-    rows_of_motion = len(LINE_ROWS) * M
-    if given.x.q.shape[1] == K:
-        return _no_rows(given, rows_of_motion, 2)
+    """Evaluate the rows of the straight line."""
+    if given.x.q.shape[1] == given.x.m.shape[1]:
+        return _no_rows(given, len(LINE_ROWS), 2)
     motions = straight_motions(given)
     is_motion = (jnp.asarray(given.problems.straight_distance) > 0)[..., None]
-    rows = jnp.where(is_motion[..., None], motions.offset[..., LINE_ROWS], 0)
-
-    def of_line(value: Array) -> Array:
-        """Derivatives (B, K, 2, M, 6, D) of the rows of the line: (B, K, 2, 5 M, D)."""
-        chosen = jnp.where(is_motion[..., None, None], value[..., LINE_ROWS, :], 0)
-        return chosen.reshape(B, K, MOTIONS, rows_of_motion, -1)
-
-    sideways = jnp.sqrt((rows[..., :2] ** 2).sum(-1)).max(axis=(1, 2, 3))
-    angle = jnp.where(is_motion, motions.angle, 0).max(axis=(1, 2, 3))
-    return Evaluation(
-        rows.reshape(B, K, MOTIONS, rows_of_motion),
-        StraightJacobian(of_line(motions.by_near), of_line(motions.by_far)),
-        (sideways, angle),
-    )
-
-
-def _evaluate_distance(given: EvaluationInput) -> Evaluation:
-    """Evaluate the rows of the distance; that of a motion that is none is -1."""
-    if given.x.q.shape[1] == given.x.m.shape[1]:
-        return _no_rows(given, 1, 1)
-    motions = straight_motions(given)
-    distance = jnp.asarray(given.problems.straight_distance)[..., None]
-    is_motion = distance > 0
-    rows = jnp.where(is_motion, distance + motions.offset[..., -1, 2:3], -1)
+    rows = jnp.where(is_motion, motions.offset[..., -1, LINE_ROWS], 0)
     jacobian = StraightJacobian(
         *(
-            jnp.where(is_motion[..., None], value[..., -1, 2:3, :], 0)
+            jnp.where(is_motion[..., None], value[..., -1, LINE_ROWS, :], 0)
             for value in (motions.by_near, motions.by_far)
         )
     )
-    return Evaluation(rows, jacobian, (jnp.maximum(rows.max(axis=(1, 2, 3)), 0),))
+    sideways = jnp.sqrt((rows[..., :2] ** 2).sum(-1)).max(axis=(1, 2))
+    angle = jnp.where(is_motion[..., 0], motions.angle[..., -1], 0).max(axis=(1, 2))
+    return Evaluation(rows, jacobian, (sideways, angle))
+
+
+def _evaluate_corridor(given: EvaluationInput) -> Evaluation:
+    """Evaluate the rows of the corridor; those of a motion that is none are -1."""
+    B, K = given.x.m.shape[:2]
+    between = given.problems.sample_fraction.shape[2] - 1
+    number = 1 + between * CORRIDOR_ROWS
+    if given.x.q.shape[1] == K:
+        return _no_rows(given, number, 2)
+    motions = straight_motions(given)
+    distance = jnp.asarray(given.problems.straight_distance)[..., None]
+    is_motion = distance > 0
+
+    # The distance of the far end, then for each sample between both ends the corridor's sides +x, +y, -x, -y.
+    aside = motions.offset[..., :-1, :2]
+    sides = jnp.concatenate([aside, -aside], axis=-1) - CORRIDOR
+    rows = jnp.concatenate(
+        [distance + motions.offset[..., -1, 2:3], sides.reshape(B, K, MOTIONS, number - 1)],
+        axis=-1,
+    )
+
+    def of_rows(value: Array) -> Array:
+        """Derivatives of the rows: (B, K, 2, M, 6, D) to (B, K, 2, rows, D)."""
+        across = value[..., :-1, :2, :]
+        both = jnp.concatenate([across, -across], axis=-2)
+        both = both.reshape(B, K, MOTIONS, number - 1, value.shape[-1])
+        found = jnp.concatenate([value[..., -1, 2:3, :], both], axis=-2)
+        return jnp.where(is_motion[..., None], found, 0)
+
+    rows = jnp.where(is_motion, rows, -1)
+    too_short = jnp.maximum(rows[..., 0].max(axis=(1, 2)), 0)
+    too_far = jnp.maximum(rows[..., 1:].max(axis=(1, 2, 3), initial=-1), 0)
+    return Evaluation(
+        rows,
+        StraightJacobian(of_rows(motions.by_near), of_rows(motions.by_far)),
+        (too_short, too_far),
+    )
 
 
 def _no_rows(given: EvaluationInput, rows: int, measures: int) -> Evaluation:
@@ -278,10 +302,10 @@ def _add_to_system(
 
 def _line_scale(horizon: Horizon) -> Float[np.ndarray, "phases 2 rows"]:
     scales = np.repeat([POSITION_SCALE, ROTATION_SCALE], [2, 3])
-    return np.broadcast_to(np.tile(scales, horizon.samples), _line_shape(horizon))
+    return np.broadcast_to(scales, _line_shape(horizon))
 
 
-def _distance_scale(horizon: Horizon) -> float:
+def _corridor_scale(horizon: Horizon) -> float:
     return POSITION_SCALE
 
 
@@ -297,15 +321,18 @@ STRAIGHT_LINE = ConstraintBlock(
     evaluate=_evaluate_line,
     add_to_system=_add_to_system,
 )
-"""The block that keeps a hand on a straight line as it comes to an object or leaves it."""
+"""The block that lets a hand come to an object, or leave it, from a point on the approach axis, without turning."""
 
-STRAIGHT_DISTANCE = ConstraintBlock(
-    name="straight_distance",
+STRAIGHT_CORRIDOR = ConstraintBlock(
+    name="straight_corridor",
     kind=ConstraintKind.INEQUALITY,
-    measures=(Measure("approach", "m", DISTANCE_TOLERANCE),),
-    shape=_distance_shape,
-    scale=_distance_scale,
-    evaluate=_evaluate_distance,
+    measures=(
+        Measure("approach", "m", DISTANCE_TOLERANCE),
+        Measure("corridor", "m", CORRIDOR_TOLERANCE),
+    ),
+    shape=_corridor_shape,
+    scale=_corridor_scale,
+    evaluate=_evaluate_corridor,
     add_to_system=_add_to_system,
 )
-"""The block that makes these straight motions as long as asked for."""
+"""The block that makes these straight motions long enough, and keeps the hand near the line between both ends."""
