@@ -4,8 +4,8 @@ The actions determine which object is attached to what, from which switch to whi
 computed by MuJoCo's own kinematics and collision detection; neither the kinematics nor the distances of the optimizer
 are used.
 
-Any two bodies may penetrate each other by at most `DEEPEST_CONTACT`, also a gripper and the object that it holds. If
-two bodies might meet between two samples, the check also examines states in between
+Any two bodies may penetrate each other by at most `DEEPEST_CONTACT`, and a hand and an object that it grasps by at most
+`DEEPEST_GRIP`. If two bodies might meet between two samples, the check also examines states in between
 (`dvr_jax.checker.motion_contacts`).
 
 The check is kinematic: it computes no forces and no friction. A closed gripper is assumed to carry its object.
@@ -37,15 +37,17 @@ from dvr_jax.checker.objects import (
     check_switch,
 )
 from dvr_jax.checker.operators import CHECKS, OperatorCheck
+from dvr_jax.checker.operators.operator import Timeline
 from dvr_jax.checker.replayed_motion import ReplayedMotion
 from dvr_jax.checker.report import CheckReport, FindingLog
 from dvr_jax.checker.timeline import attachment_timeline
-from dvr_jax.checker.tolerances import DEEPEST_CONTACT, QUATERNION_TOLERANCE
+from dvr_jax.checker.tolerances import DEEPEST_CONTACT, DEEPEST_GRIP, QUATERNION_TOLERANCE
 from dvr_jax.errors import MotionError
 from dvr_jax.logic import Action
 from dvr_jax.motion.motion import Motion, validate_motion
 from dvr_jax.scene.mjcf import build_model, object_body_name, qpos_layout
 from dvr_jax.scene.types import Scene
+from dvr_jax.workcell.robot import FINGERS
 
 __all__ = ["DEEPEST_CONTACT", "check_motion"]
 
@@ -74,7 +76,7 @@ def check_motion(
     validate_fit(scene, actions, motion)
     timeline = attachment_timeline(scene, actions, motion, operators)
     log = FindingLog(motion.time)
-    replayed, deepest = _replay(scene, motion, log)
+    replayed, deepest = _replay(scene, motion, timeline, log)
 
     # What is required of every motion.
     check_joints(replayed, log)
@@ -132,8 +134,20 @@ def validate_fit(scene: Scene, actions: Sequence[Action], motion: Motion) -> Non
         raise MotionError(f"the motion has a quaternion of length {worst:g}; valid is 1.")
 
 
-def _replay(scene: Scene, motion: Motion, log: FindingLog) -> tuple[ReplayedMotion, float]:
-    """Compute all poses of a motion and log penetrations; return the poses and the deepest penetration [m]."""
+def _replay(
+    scene: Scene, motion: Motion, timeline: Timeline, log: FindingLog
+) -> tuple[ReplayedMotion, float]:
+    """Compute all poses of a motion and log penetrations.
+
+    Args:
+        scene: The scene that the motion starts in.
+        motion: The motion.
+        timeline: Its intervals.
+        log: Takes the findings.
+
+    Returns:
+        The poses, and the deepest penetration [m].
+    """
     # The search for contacts changes the model's margins, so it needs its own copy of the shared model.
     model = copy.copy(build_model(scene))
     states, sample = dense_states(model, motion)
@@ -142,16 +156,20 @@ def _replay(scene: Scene, motion: Motion, log: FindingLog) -> tuple[ReplayedMoti
     # Contacts of all states, including those between the samples; a finding names the sample that a state leads to.
     contacts = find_contacts(model, states, GeomPoses(poses.geom_positions, poses.geom_rotations))
     labels = [_geom_label(model, geom) for geom in range(model.ngeom)]
+    grips = _grips(scene, timeline)
     for contact in np.flatnonzero(contacts.distance < -DEEPEST_CONTACT):
         first, second = contacts.geoms[contact]
         names = tuple(sorted((labels[first], labels[second])))
         depth = -float(contacts.distance[contact])
+        deepest = DEEPEST_GRIP if names in grips else DEEPEST_CONTACT
+        if depth <= deepest:
+            continue
         log.add(
             PENETRATION,
             int(sample[contacts.state[contact]]),
             names,
             depth,
-            DEEPEST_CONTACT,
+            deepest,
         )
 
     # Of the states that lead to a sample, the last one is the sample itself. The other checks examine only samples.
@@ -167,6 +185,18 @@ def _replay(scene: Scene, motion: Motion, log: FindingLog) -> tuple[ReplayedMoti
         gripper_rotations=poses.site_rotations[is_sample][:, sites],
     )
     return replayed, max(0.0, -float(contacts.distance.min(initial=0.0)))
+
+
+def _grips(scene: Scene, timeline: Timeline) -> frozenset[tuple[str, ...]]:
+    """Return the labels of the bodies of a hand together with those of each object that it grasps in the plan."""
+    grips = set()
+    for interval in timeline.intervals:
+        if interval.holder is None:
+            continue
+        arm = scene.workcell.arm_names[interval.holder]
+        item = f"object/{scene.objects[interval.object].name}"
+        grips |= {tuple(sorted((f"{arm}/{body}", item))) for body in ("hand", *FINGERS)}
+    return frozenset(grips)
 
 
 @dataclass(frozen=True, slots=True)

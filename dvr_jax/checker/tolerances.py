@@ -1,7 +1,11 @@
 """Every tolerance of the check. Limits of joints and fingers are the robot's own and come from its MJCF."""
 
-DEEPEST_CONTACT = 3e-3
+DEEPEST_CONTACT = 1e-3
 """Deepest penetration [m]."""
+
+DEEPEST_GRIP = 2.5e-3
+"""Deepest penetration of a hand and an object that this hand grasps in the course of the plan [m]. The capsules of the
+fingers reach over the pads by 1 mm."""
 
 LIMIT_TOLERANCE = 1e-3
 """Largest excess over a joint limit [rad]; also the largest deviation from the home posture."""

@@ -99,8 +99,10 @@ def _refute(scene: Scene, action: Action) -> str | None:
         return f"{item.name} is {100 * width:.1f} cm wide at its {face} face, the gripper opens {100 * opening:.0f} cm"
 
     if min(_room(item, face)) < 0:
-        margin = f"{100 * GRASP_MARGIN:.0f} cm"
-        return f"{item.name} is too small to hold the gripper's center with its margin of {margin}"
+        return (
+            f"{item.name} is too small to hold the gripper's center with its margins of "
+            f"{100 * GRASP_MARGIN:.1f} cm to the sides and {100 * HEIGHT_MARGIN:.1f} cm to top and bottom"
+        )
     return None
 
 

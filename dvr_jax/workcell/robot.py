@@ -313,7 +313,9 @@ class Robot:
                     capsules.ends[c] + slide,
                 ]
             )
-            own = points[:, :2] if link == 0 else points
+            # The base and link 1 keep their heights: joint 1 turns about the vertical.
+            upright = link == 0 or (link == 1 and abs(self.link_rotations[0, 2, 2]) == 1)
+            own = points[:, :2] if upright else points
             bounds.append(reach[link] + np.linalg.norm(own, axis=1).max() + capsules.radii[c])
         return np.array(bounds)
 

@@ -139,19 +139,19 @@ def coarse_path() -> Evaluated:
 @pytest.fixture(scope="session")
 def fixed_bodies() -> Evaluated:
     """A path among fixed bodies."""
-    return Evaluated(make_case(steps=2, repeats=3, seed=0, setting=FIXED))
+    return Evaluated(make_case(steps=3, repeats=3, seed=2, setting=FIXED))
 
 
 @pytest.fixture(scope="session")
 def single_arm() -> Evaluated:
     """A path of one arm before a screen."""
-    return Evaluated(make_case(steps=2, repeats=5, seed=1, setting=SINGLE_ARM))
+    return Evaluated(make_case(steps=3, repeats=5, seed=1, setting=SINGLE_ARM))
 
 
 @pytest.fixture(scope="session")
 def side_by_side() -> Evaluated:
     """A path of arms that stand side by side."""
-    return Evaluated(make_case(steps=2, repeats=3, seed=0, setting=SIDE_BY_SIDE))
+    return Evaluated(make_case(steps=3, repeats=3, seed=0, setting=SIDE_BY_SIDE))
 
 
 @pytest.fixture(

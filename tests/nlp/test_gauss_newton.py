@@ -37,6 +37,8 @@ SCALES = {
     "joint_limit": 0.1,
     "parameter_bound": 1.0,
     "footprint": 1.0,
+    "straight_line": [1.0, 1.0, 0.1, 0.1, 0.1],
+    "straight_corridor": 1.0,
 }
 """Penalty of each block's rows relative to the common one."""
 
@@ -236,18 +238,22 @@ def test_accelerations_start_at_home_at_rest(path) -> None:
     np.testing.assert_allclose(ours, second_differences(sample.problem, sample.x.q), atol=1e-13)
 
 
-def test_rest_rows_are_the_steps_into_the_switches(lagrangian: Lagrangian) -> None:
+def test_rest_rows_are_the_steps_of_resting_arms(
+    lagrangian: Lagrangian, request: pytest.FixtureRequest
+) -> None:
     S, rest = lagrangian.S, lagrangian.rows["rest"]
     if S == 1:
-        assert rest.shape == (0, lagrangian.D)
+        assert rest.shape == (0, 3, lagrangian.D)
         return
     q, joints = lagrangian.x.q, lagrangian.evaluated.model.structure.joints
-    expected = [
-        (q[(k + 1) * S - 1] - q[(k + 1) * S - 2])
-        * np.repeat(lagrangian.problem.arm_at_rest[k], joints)
-        for k in range(lagrangian.K)
-    ]
-    np.testing.assert_allclose(rest, expected, atol=1e-15)
+    problem = lagrangian.problem
+    for k in range(lagrangian.K):
+        after = [k * S, (k + 1) * S - 2, (k + 1) * S - 1]
+        resting = [*problem.still_arm[k], problem.arm_at_rest[k]]
+        for row, slice_after, arms in zip(rest[k], after, resting, strict=True):
+            step = q[slice_after] - q[slice_after - 1] if slice_after else 0 * q[0]
+            np.testing.assert_allclose(row, step * np.repeat(arms, joints), atol=1e-15)
+    assert problem.still_arm.any() != request.node.name.endswith("place]")
 
 
 def test_rows_of_limits_and_bounds(lagrangian: Lagrangian) -> None:

@@ -38,8 +38,17 @@ def crowd(request: pytest.FixtureRequest) -> tuple[Any, Slices]:
     return evaluated.model, slices._replace(prism=prism)
 
 
-def near_and_exact(model: Any, geometry: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Distances (N + F, A C, L) of bodies and capsules as measured, and those of all pairs one by one."""
+def near_and_exact(model: Any, slices: Slices, geometry: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Distances (N + F, A C, L) of bodies and capsules less their clearances as measured, and those of all pairs one by
+    one."""
+    A, N = slices.finger_opening.shape[0], slices.attached.kind.shape[0]
+    is_hand = np.zeros(model.structure.number_of_capsules, bool)
+    is_hand[list(model.structure.holding_capsules)] = True
+    of_hands = np.asarray(slices.clearance)[: A * N].reshape(A, N, -1)
+    fixed = np.full((A, slices.prism.shape[1] - N, of_hands.shape[2]), model.hand_clearance)
+    of_hands = np.concatenate([of_hands, fixed], axis=1).swapaxes(0, 1)[:, :, None]
+    clearance = np.where(is_hand[:, None], of_hands, model.link_clearance)
+    clearance = clearance.reshape(clearance.shape[0], -1, clearance.shape[3])
     R, p, prism = geometry.contacts.bodies
     segments = geometry.contacts.segments
     a, b, radii = (
@@ -50,9 +59,10 @@ def near_and_exact(model: Any, geometry: Any) -> tuple[np.ndarray, np.ndarray]:
     exact, _ = jax.jit(capsule_prism)(
         a[:, None], b[:, None], radii, R[:, :, :, None], p[:, :, None], prism[:, :, None]
     )
+    exact = np.asarray(exact) - clearance
     first = arm_row_signs(model.structure).shape[1]
     ours = np.asarray(geometry.distance)[:, first : first + exact.shape[0] * exact.shape[1]]
-    return ours.T.reshape(exact.shape), np.asarray(exact)
+    return ours.T.reshape(exact.shape), exact
 
 
 @pytest.mark.parametrize("near_pairs", [10, CPU.near_pairs, ACCELERATOR.near_pairs])
@@ -61,7 +71,7 @@ def test_near_capsules_have_their_distance_and_far_ones_a_bound(
 ) -> None:
     monkeypatch.setattr(batch_sizes, "CPU", replace(CPU, near_pairs=near_pairs))
     model, slices = crowd
-    ours, exact = near_and_exact(model, compiled(measure)(model, slices))
+    ours, exact = near_and_exact(model, slices, compiled(measure)(model, slices))
     counts = ours != FAR
     near = counts & (ours < NEAR)
     per_slice = near.sum((0, 1))

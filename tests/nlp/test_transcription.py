@@ -13,7 +13,7 @@ from dvr_jax.modes.mode import ModeKind
 from dvr_jax.nlp.problem import Problem
 from dvr_jax.nlp.transcription import KEYFRAME_REGULARIZATION, transcribe, transcribe_switch
 from dvr_jax.operators import OPERATORS, refute
-from dvr_jax.operators.grasp import GRASP_MARGIN, PITCH_LIMIT
+from dvr_jax.operators.grasp import GRASP_MARGIN, HEIGHT_MARGIN, PITCH_LIMIT
 from dvr_jax.scene.types import OnRegion, Region, Scene, SceneObject
 from dvr_jax.scene.validation import make_scene
 from dvr_jax.workcell.workcell import base_positions, base_rotations
@@ -89,15 +89,15 @@ def test_faces_and_bounds(handover: Problem) -> None:
         [True, True, True, False],
     ]
     np.testing.assert_array_equal(free, expected_free)
-    # Along the face's tangent, along the height, pitch, yaw (pinned for boxes); 1 cm margin.
+    # Along the face's tangent, along the height, pitch, yaw (pinned for boxes).
     np.testing.assert_allclose(
-        handover.parameter_upper[0], [0.08 - GRASP_MARGIN, 0.05 - GRASP_MARGIN, PITCH_LIMIT, 0]
+        handover.parameter_upper[0], [0.08 - GRASP_MARGIN, 0.05 - HEIGHT_MARGIN, PITCH_LIMIT, 0]
     )
     np.testing.assert_allclose(
-        handover.parameter_upper[1], [0.025 - GRASP_MARGIN, 0.05 - GRASP_MARGIN, PITCH_LIMIT, 0]
+        handover.parameter_upper[1], [0.025 - GRASP_MARGIN, 0.05 - HEIGHT_MARGIN, PITCH_LIMIT, 0]
     )
     np.testing.assert_allclose(
-        handover.parameter_upper[3, :3], [0, 0.07 - GRASP_MARGIN, PITCH_LIMIT]
+        handover.parameter_upper[3, :3], [0, 0.07 - HEIGHT_MARGIN, PITCH_LIMIT]
     )
     np.testing.assert_array_equal(handover.parameter_lower[:2], -handover.parameter_upper[:2])
     np.testing.assert_array_equal(handover.parameter_lower[[2, 4], 3], 0)
@@ -105,7 +105,8 @@ def test_faces_and_bounds(handover: Problem) -> None:
 
 
 def test_supports(handover: Problem) -> None:
-    np.testing.assert_allclose(handover.support[2], [0.3, -0.25, 0.4, 0.11, 0.1])
+    """Of a region 4 mm are left free at its edges, of the table nothing."""
+    np.testing.assert_allclose(handover.support[2], [0.3, -0.25, 0.4, 0.106, 0.096])
     np.testing.assert_allclose(handover.support[4], [0, 0, 0, *SCENE.workcell.table.half_extents])
 
 
@@ -134,7 +135,13 @@ def test_fixed_bodies() -> None:
     np.testing.assert_allclose(
         problem.fixed_pose, [[-0.20, 0.10, 0.50, 0.4], [0.40, 0.15, 0.25, 0]]
     )
-    without = problem._replace(fixed_prism=np.zeros((0, 4)), fixed_pose=np.zeros((0, 4)))
+    pairs = 3 + 3 * 2  # of two objects, and of an object and a fixed body
+    without = problem._replace(
+        fixed_prism=np.zeros((0, 4)),
+        fixed_pose=np.zeros((0, 4)),
+        phase_clearance=problem.phase_clearance[..., : 3 - pairs],
+        clearance=problem.clearance[..., : 3 - pairs],
+    )
     for ours, theirs in zip(without, transcribe(SCENE, actions), strict=True):
         np.testing.assert_array_equal(ours, theirs)
 
@@ -208,7 +215,7 @@ SIZES = make_scene(
         SceneObject("edge", "box", (0.08, 0.03, 0.1), (0.0, 0.3), 0.0),
         SceneObject("drum", "cylinder", (0.041, 0.1), (0.3, 0.3), 0.0),
         SceneObject("pin", "cylinder", (0.009, 0.1), (-0.3, -0.3), 0.0),
-        SceneObject("slab", "box", (0.05, 0.05, 0.019), (0.0, -0.3), 0.0),
+        SceneObject("slab", "box", (0.05, 0.05, 0.0059), (0.0, -0.3), 0.0),
         SceneObject("blade", "box", (0.05, 0.019, 0.1), (0.3, -0.3), 0.0),
     ],
     OnRegion("edge", Region((0, 0), 0, (0.2, 0.2))),

@@ -3,15 +3,16 @@
 import numpy as np
 import pytest
 from nlp_cases import SCENE, SKELETONS
-from scipy.interpolate import PchipInterpolator
 from solver_cases import JOINTS
 
+from dvr_jax.motion.joint_curve import joint_curve
 from dvr_jax.nlp.transcription import transcribe
 from dvr_jax.solver.continuous_collision import (
     BETWEEN_TOLERANCE,
     PATH_SAMPLES,
     even_fractions,
     exchange_samples,
+    straight_intervals,
 )
 
 
@@ -33,11 +34,19 @@ def test_samples_move_to_the_deepest_place_of_their_part_and_lie_on_the_motion()
     np.testing.assert_allclose(moved.sample_fraction, expected, atol=1e-15)
     assert expected.shape == (T, PATH_SAMPLES)
     knots = np.concatenate([problem.home[None], q])
-    curve = PchipInterpolator(np.arange(-1, T + 1), np.concatenate([knots[:1], knots]))  # from rest
+    straight = straight_intervals(problem, T)
+    curve = joint_curve(problem.home, q, straight)
+
+    # The left arm grasps in phase 0 and gives in phase 1, in which the right one comes to grasp.
+    assert np.argwhere(straight).tolist() == [[8, 0], [18, 1]]
     for t in range(T):
         line = knots[t] + moved.sample_fraction[t][:, None] * (knots[t + 1] - knots[t])
         at_samples = line + moved.sample_offset[t]
-        np.testing.assert_allclose(at_samples, curve(t + moved.sample_fraction[t]), atol=1e-12)
+        # Where an arm moves straight in joint space, its samples are on the line between the two slices.
+        for arm in range(2):
+            own = slice(7 * arm, 7 * arm + 7)
+            expected_angles = line if straight[t, arm] else curve(t + moved.sample_fraction[t])
+            np.testing.assert_allclose(at_samples[:, own], expected_angles[:, own], atol=1e-12)
 
 
 @pytest.mark.parametrize("samples", [2, 4])

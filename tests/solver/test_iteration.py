@@ -24,6 +24,7 @@ def test_chunks_hold_all_slices_in_their_order(number: int) -> None:
         base_poses=of_shape(4, 3, 2),
         attached=Attachment(count, count, of_shape(4, 3), of_shape(3), of_shape(4, 3), of_shape(3)),
         prism=of_shape(4, 4),
+        clearance=of_shape(5),
         fixed_pose=of_shape(4, 1),
     )
     chunks = cut_into_chunks(slices)

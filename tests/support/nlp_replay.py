@@ -51,6 +51,37 @@ def body_pairs(scene: Scene) -> list[Names]:
     return pairs + list(combinations(objects, 2)) + list(product(objects, fixed))
 
 
+def clearances(case: Case) -> Floats:
+    """(B, T', P): the clearance of each row by the definition of `dvr_jax.workcell.clearances`, and as the case has it."""
+    workcell = case.setting.scene.workcell
+    robot = workcell.robot
+    keep = workcell.clearances
+    holding = {robot.capsules.names[c] for c in robot.holding_capsules}
+    objects = [object_body_name(item.name) for item in case.setting.scene.objects]
+    A, N = workcell.number_of_arms, len(objects)
+    pairs = arm_pairs(workcell) + body_pairs(case.setting.scene)
+    of_bodies = iter(range(A * N + N, case.problems.clearance.shape[-1]))
+
+    values = np.zeros((case.batch, case.number_of_samples, len(pairs)))
+    own = np.repeat(case.problems.clearance, case.samples, axis=1)
+    for row, (first, second) in enumerate(pairs):
+        arm, _, capsule = first.partition("/")
+        is_hand = capsule.removesuffix("_collision") in holding
+        if first in objects:
+            column = A * N + objects.index(first) if second == "top" else next(of_bodies)
+            values[..., row] = own[..., column]
+        elif second == "top":
+            values[..., row] = keep.hand_to_table if is_hand else keep.link_to_table
+        elif second in objects and is_hand:
+            column = workcell.arm_names.index(arm) * N + objects.index(second)
+            values[..., row] = own[..., column]
+        elif second.startswith(("object/", "fixed/")):
+            values[..., row] = keep.hand_to_object if is_hand else keep.link_to_object
+        else:
+            values[..., row] = keep.arm_to_arm if second.partition("/")[0] != arm else 0.0
+    return values
+
+
 def build_replay_model(scene: Scene) -> mujoco.MjModel:
     """The scene with an endless plane at the table's height: arms may reach beyond the table."""
     spec = build_model_spec(scene)

@@ -43,8 +43,11 @@ def _scale(horizon: Horizon) -> float:
 
 def _evaluate(given: EvaluationInput) -> Evaluation:
     """Evaluate the rows; their Jacobian is None, because `reduce_slices` computes the sums from the geometry."""
-    deepest = jnp.maximum(-given.distance.min(axis=(1, 2)), 0)
-    return Evaluation(-given.distance, None, (deepest,))
+    # XLA's minimum can lose a NaN, depending on how it divides the array.
+    distance = given.distance
+    deepest = jnp.maximum(-distance.min(axis=(1, 2)), 0)
+    deepest = jnp.where(jnp.isfinite(distance).all(axis=(1, 2)), deepest, jnp.nan)
+    return Evaluation(-distance, None, (deepest,))
 
 
 def _sum_over_samples(weights: Array, value: Array) -> Array:

@@ -269,14 +269,14 @@ def _add_to_system(
     parts: SystemParts,
     problem: Problem,
     x: Variables,
-    jacobian: StraightJacobian,
+    jacobian: StraightJacobian | None,
     multiplier_estimate: Array,
     active_penalty: Array,
 ) -> SystemParts:
     """Add the rows to the blocks of their two slices, and to the coupling of the later one with the earlier one."""
     T = len(x.q)
     K = len(x.m)
-    if T == K:
+    if T == K or jacobian is None:
         return parts
 
     near, far = near_and_far(K, T // K)
