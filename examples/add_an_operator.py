@@ -26,8 +26,9 @@ from dvr_jax.operators.proposal import BeamStep, ObjectBefore, Proposal, Propose
 from dvr_jax.runtime.compilation import Program
 from dvr_jax.scene.types import Scene
 
-STAND_OFF = 0.0115
-"""Height of the gripper's center above the top face [m]: the finger tips reach 10.5 mm beyond the center."""
+STAND_OFF = 0.0165
+"""Height of the gripper's center above the top face [m]: the capsules of the fingers reach 15.3 mm beyond the
+center."""
 
 MARGIN = 0.01
 """How far inside the top face the gripper's center stays [m]."""

@@ -4,8 +4,8 @@ The scene's model serves kinematics. For execution it gets
 
 - time steps of 1 ms, an implicit integrator and elliptic friction cones;
 - arms without weight, as Franka's controller compensates gravity;
-- fingers with the shape that they have: where a robot shows its fingers, what is shown collides in place of the capsules,
-  which reach beyond the pads;
+- fingers with the shape that they have: where a robot shows its fingers, what is shown collides in place of the
+  capsules, which reach beyond the pads;
 - flat finger pads. Their contacts are stiff and their parameters take precedence: with MuJoCo's default contacts, a
   held object drifts by a centimeter in the course of a plan;
 - fingers that are coupled, with the inertia of their drive (about 2 kg): light fingers press into what they hold;
@@ -28,8 +28,7 @@ FINGER_INERTIA = 1.0
 """Inertia of the drive that each of the two fingers feels [kg]."""
 
 PAD_HALF_SIZE = (0.0085, 0.004, 0.009)
-"""Half extents of a finger's pad across the finger, along the closing axis, and along the finger [m]. The corners of
-the pad reach up to 6 mm over the finger's collision capsule, as those of the real finger do."""
+"""Half extents of a finger's pad across the finger, along the closing axis, and along the finger [m]."""
 
 PAD_CONTACT_TIME = 0.004
 """Time constant of the contacts of a pad [s]; at least twice the time step."""

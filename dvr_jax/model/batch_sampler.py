@@ -191,8 +191,8 @@ class BatchSampler:
 def draw_mirrored(scenes: int, seed: int, step: int) -> Bool[np.ndarray, "scenes 2"]:
     """Draw of which scenes one batch reverses x and y.
 
-    The two arms stand opposite each other and, except for housings at forearm and flange, each is its own mirror image,
-    so a feasible sequence stays feasible.
+    The two arms stand opposite each other and each is nearly its own mirror image: the capsules of shoulder, elbow,
+    wrist and flange stand to one side. A feasible sequence therefore stays feasible nearly always.
 
     Args:
         scenes: Number of scenes.

@@ -1,16 +1,17 @@
 """The curve of joint angles through the slices of a path, which a motion follows between them.
 
 At each slice the curve has the slope of the monotone piecewise cubic interpolant of Fritsch and Butland, "A method for
-constructing local monotone piecewise cubic interpolants" (SIAM Journal on Scientific and Statistical Computing 5, 1984).
-That interpolant has two second derivatives at a slice, one on either side. The curve takes the smaller one of them, and
-zero if their signs differ, and is the polynomial of degree five that has these values at both ends of an interval.
+constructing local monotone piecewise cubic interpolants" (SIAM Journal on Scientific and Statistical Computing 5,
+1984). That interpolant has two second derivatives at a slice, one on either side. The curve takes the smaller one of
+them, and zero if their signs differ, and is the polynomial of degree five that has these values at both ends of an
+interval.
 
 In some intervals an arm moves *straight* in joint space: all of its joints follow one time law, so that its hand stays
 near a straight line. One end of such an interval is at rest. At the other end the slope of the arm is a multiple of the
 step of the interval, by the same rule, and the second derivative is zero.
 
-The second derivative of the curve is therefore continuous, so that a motion along it needs no infinite jerk. An arm that has the same
-posture at two slices rests between them.
+The second derivative of the curve is therefore continuous, so that a motion along it needs no infinite jerk. An arm
+that has the same posture at two slices rests between them.
 """
 
 from __future__ import annotations

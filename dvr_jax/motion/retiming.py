@@ -5,11 +5,11 @@ A path q(s) is traversed from rest to rest. With the speed s' and the accelerati
     dq/dt = q_s s',        d2q/dt2 = q_s s'' + q_ss s'^2,        torque = M (d2q/dt2) + C (dq/dt) + g.
 
 All but the jerk are linear in s'' and s'^2. TOPP-RA (H. Pham and Q.-C. Pham, "A new approach to time-optimal path
-parameterization based on reachability analysis", IEEE Transactions on Robotics 34, 2018; the library `toppra`) finds the
-fastest s(t). Its acceleration jumps. The limits of the jerk are so high compared with those of the acceleration (500 times
-as much in each second) that it is enough to round these jumps: s(t) is averaged over a window of `SMOOTHING`, twice. This
-keeps the path. The motion is then sampled, and what lies between the samples is the cubic spline through them
-(`dvr_jax.motion.motion`). If this spline exceeds a limit, the motion is slowed down as a whole.
+parameterization based on reachability analysis", IEEE Transactions on Robotics 34, 2018; the library `toppra`) finds
+the fastest s(t). Its acceleration jumps. The limits of the jerk are so high compared with those of the acceleration
+(500 times as much in each second) that it is enough to round these jumps: s(t) is averaged over a window of
+`SMOOTHING`, twice. This keeps the path. The motion is then sampled, and what lies between the samples is the cubic
+spline through them (`dvr_jax.motion.motion`). If this spline exceeds a limit, the motion is slowed down as a whole.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """Signed distances of everything that can touch, for many slices at once, and the contact wrenches of chosen rows.
 
 The distance of a row is that of its two bodies less the clearance that they keep (`dvr_jax.workcell.clearances`), so a
-negative one is a violation. Rows are those of `dvr_jax.nlp.collision_rows`. A row that does not count in a slice (an object and the hand that holds
-it, two bodies that stand where the scene has them, an absent object) has the distance `FAR` and a zero wrench.
+negative one is a violation. Rows are those of `dvr_jax.nlp.collision_rows`. A row that does not count in a slice (an
+object and the hand that holds it, two bodies that stand where the scene has them, an absent object) has the distance
+`FAR` and a zero wrench.
 
 A capsule's distance to a body is expensive, and nearly all of them are far: there a lower bound is taken in its place,
 that of the capsule's bounding sphere (`NEAR`).
@@ -232,7 +233,7 @@ def _capsules_and_bodies(
     ignored: Bool[Array, "pairs slices"],
     clearance: Float[Array, "bodies arm_capsules slices"],
 ) -> tuple[Float[Array, "pairs slices"], Float[Array, "pairs slices"]]:
-    """Distances less clearances [m] of capsules and bodies, `FAR` where ignored, and where on the axes they are taken."""
+    """Distances less clearances [m] of capsules and bodies, `FAR` where ignored, and their places on the axes."""
     a = segments.start
     b = segments.end
     capsules = a.shape[1]

@@ -82,7 +82,7 @@ class Problem(NamedTuple):
     """1 for each arm that rests at switch k, else 0: arms that take part, and in a path all of them at its end."""
 
     straight_arm: Int[Array, "*batch phases 2"]
-    """Arm of each straight motion of a path: the one that leaves the last switch, and the one that comes to the next."""
+    """Arm of each straight motion of a path: one that leaves the last switch, and one that comes to the next one."""
 
     straight_distance: Float[Array, "*batch phases 2"]
     """Least length of each straight motion [m]; 0 where there is none."""
@@ -110,7 +110,7 @@ class Problem(NamedTuple):
     """Rectangle on which the object is placed: center x, y [m], yaw [rad], half extents [m]; zeros for a grasp."""
 
     phase_clearance: Float[Array, "*batch phases+1 3 body_rows"]
-    """Clearances of each part of each phase, and of the time after the last action (`dvr_jax.nlp.body_clearances`) [m]."""
+    """Clearances of each part of each phase, and after the last action (`dvr_jax.nlp.body_clearances`) [m]."""
 
     clearance: Float[Array, "*batch slices body_rows"]
     """Those of them that apply in the interval before each slice and at the slice [m]."""

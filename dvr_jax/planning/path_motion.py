@@ -2,9 +2,9 @@
 
 Notation: a path of K actions has T slices and S = T / K slices in each phase. It begins at home.
 
-- In each phase the arms move along a smooth curve (`dvr_jax.motion.joint_curve`) from rest to rest, as fast as the limits
-  of joint velocity, acceleration, jerk and torque allow (`dvr_jax.motion.retiming`). The torques include the weight of
-  the objects that are held.
+- In each phase the arms move along a smooth curve (`dvr_jax.motion.joint_curve`) from rest to rest, as fast as the
+  limits of joint velocity, acceleration, jerk and torque allow (`dvr_jax.motion.retiming`). The torques include the
+  weight of the objects that are held.
 - Then all arms rest while the fingers move. In a handover the fingers of the taking arm close first, and those of the
   giving arm open afterwards. The object changes its holder between the two, or else when the fingers have moved.
 - At the end the hand that has released the last object retreats (`dvr_jax.planning.retreat`).

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from dvr_jax.geometry.arrays import Array
 from dvr_jax.modes.mode import ModeKind
 from dvr_jax.nlp.body_clearances import PhasePart
 from dvr_jax.nlp.problem import Problem, Variables
@@ -84,7 +85,7 @@ def _distances(
     D = q.shape[1]
     slices = np.concatenate([q, np.tile(q[-1:], (T - len(q), 1))])
 
-    def of_phases(rows: np.ndarray) -> np.ndarray:
+    def of_phases(rows: Array) -> np.ndarray:
         """Give all phases the state after the last action."""
         return np.repeat(np.asarray(rows)[-1:], K + 1, axis=0)
 

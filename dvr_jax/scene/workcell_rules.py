@@ -138,12 +138,18 @@ def base_footprints(arm: Arm, robot: Robot) -> tuple[Circle, Rectangle]:
 
 @lru_cache(maxsize=16)
 def base_height(robot: Robot) -> float:
-    """Height of the highest capsule that does not move, above the table [m]."""
+    """Height of the highest capsule that stays over the base, above the table [m].
+
+    These are the capsules of the base, and of link 1 where joint 1 turns about the vertical.
+    """
     capsules = robot.capsules
+    heights = {0: 0.0}
+    if abs(robot.link_rotations[0, 2, 2]) == 1:
+        heights[1] = float(robot.link_offsets[0, 2])
     tops = [
-        max(capsules.starts[c, 2], capsules.ends[c, 2]) + capsules.radii[c]
+        heights[link] + max(capsules.starts[c, 2], capsules.ends[c, 2]) + capsules.radii[c]
         for c, link in enumerate(capsules.links)
-        if link == 0
+        if link in heights
     ]
 
     return float(max(tops, default=0.0))

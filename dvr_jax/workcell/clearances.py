@@ -7,9 +7,10 @@ execution; how many executed plans succeed with them is measured by ``python -m 
 
 Where a scene leaves less room than a clearance, the clearance shrinks:
 
-- A gripper of the opening W that closes around an object of the width w has ``(W - w) / 2`` on either side. The collision
-  capsules of the fingers reach beyond the pads by `Robot.pad_overhang`. Towards this object, shortly before it is
-  grasped and shortly after it is released, the clearance of the hand is at most ``(W - w) / 2 - overhang - GRIP_ROOM``.
+- A gripper of the opening W that closes around an object of the width w has ``(W - w) / 2`` on either side. The
+  collision capsules of the fingers reach beyond the pads by `Robot.pad_overhang`. Towards this object, shortly before
+  it is grasped and shortly after it is released, the clearance of the hand is at most ``(W - w) / 2 - overhang -
+  GRIP_ROOM``.
 - Two bodies that stand nearer to each other at the start than the clearance need only keep that distance.
 - A footprint that has less room in its region than the clearance is centered.
 """
@@ -67,4 +68,10 @@ class Clearances:
         """
         if not (math.isfinite(factor) and 0 <= factor <= LARGEST_FACTOR):
             raise OptionError(f"the clearance is {factor:g}; valid is 0 to {LARGEST_FACTOR:g}.")
-        return Clearances(**{field.name: factor * getattr(self, field.name) for field in fields(self)})
+        return Clearances(
+            **{field.name: factor * getattr(self, field.name) for field in fields(self)}
+        )
+
+
+DEFAULT_CLEARANCES = Clearances()
+"""The clearances of a workcell that states none."""

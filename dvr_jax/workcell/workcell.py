@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from dvr_jax.errors import DvrError, OptionError
 from dvr_jax.geometry import footprint as footprints
-from dvr_jax.workcell.clearances import Clearances
+from dvr_jax.workcell.clearances import DEFAULT_CLEARANCES, Clearances
 from dvr_jax.workcell.panda import PANDA
 from dvr_jax.workcell.robot import Rectangle, Robot
 
@@ -69,7 +69,7 @@ class Workcell:
     table: Table = Table()
     """The table that arms and objects stand on."""
 
-    clearances: Clearances = Clearances()
+    clearances: Clearances = DEFAULT_CLEARANCES
     """Distances that planned motions keep."""
 
     @property

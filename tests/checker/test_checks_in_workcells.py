@@ -83,8 +83,8 @@ def test_a_fixed_body_may_be_penetrated_as_deep_as_any_other(shape: str) -> None
         return FixedBody("post", shape, size, (0.55, -0.20 - 0.04 - 0.02 + depth, 0.03), 0.0)
 
     for depth, expected in (
-        (2.7e-3, set()),
-        (3.3e-3, {("penetration", ("fixed/post", "object/yellow"))}),
+        (0.9e-3, set()),
+        (1.1e-3, {("penetration", ("fixed/post", "object/yellow"))}),
     ):
         assert (
             kinds_and_names(carry_in_workcell(SINGLE_ARM_WORKCELL, 0, (post(depth),))) == expected

@@ -14,6 +14,7 @@ from wrong_motions import changed, with_object
 from dvr_jax.checker import check_motion
 from dvr_jax.logic import Action
 from dvr_jax.motion import Motion
+from dvr_jax.scene.mjcf import build_home_data, build_model
 
 Floats = NDArray[np.float64]
 
@@ -29,7 +30,7 @@ TWO = layout_of(2)
 FIRST, CAN = TWO.objects
 """States of what is carried and of what stands by, in the cases that carry."""
 
-HAND = np.array([-0.20, 0.20, 0.065])
+HAND = np.array([-0.20, 0.20, 0.07])
 """Where the gripper center grasps."""
 CLOSING = np.array([np.cos(0.3), np.sin(0.3), 0.0])
 """Its closing axis there."""
@@ -110,8 +111,66 @@ PROBES["penetration"] = (
     "carry",
     "penetration",
     ("object/can", "table"),
-    moved(everywhere, CAN[2], -3e-3),
+    moved(everywhere, CAN[2], -1e-3),
 )
+
+
+def squeezed(sample: Callable[[Case], int], finger: int) -> Callable[[Case, float], Case]:
+    """A finger closed on the box that its hand grasps, at one sample: its capsules reach 1 mm over the pad."""
+
+    def change(case: Case, factor: float) -> Case:
+        def close(qpos: Floats) -> None:
+            qpos[sample(case), TWO.fingers[0, finger]] = 0.025 + 1e-3 - factor * 2.5e-3
+
+        return changed(case, close)
+
+    return change
+
+
+def palm_lowered(case: Case, factor: float) -> Case:
+    """The box risen in the hand that holds it. The palm's capsule ends 3.38 cm above the gripper center."""
+
+    def rise(qpos: Floats) -> None:
+        qpos[middle(case), FIRST[2]] += HAND[2] + 0.0338 - 0.10 + factor * 2.5e-3
+
+    return changed(case, rise)
+
+
+FINGER_END = 0.0153
+"""From the gripper center down to the end of a finger's capsules [m]."""
+
+
+def can_under_a_finger(arm_name: str, sign: int) -> Callable[[Case, float], Case]:
+    """The can, 12 cm high, at the start below the end of an open finger that never grasps it."""
+
+    def change(case: Case, factor: float) -> Case:
+        def put(qpos: Floats) -> None:
+            gripper = build_home_data(build_model(case.scene)).site(f"{arm_name}/gripper")
+            finger = gripper.xpos + sign * (FINGER_OPEN + 0.0083) * gripper.xmat.reshape(3, 3)[:, 1]
+            top = finger[2] - FINGER_END + factor * 1e-3
+            qpos[start(case), CAN] = [*finger[:2], top - 0.06, 1.0, 0.0, 0.0, 0.0]
+
+        return changed(case, put)
+
+    return change
+
+
+for finger, side in enumerate(("left", "right")):
+    for when, sample in (("held", middle), ("before the grasp", before_switch(0))):
+        PROBES[f"squeeze of the {side} finger, {when}"] = (
+            "carry",
+            "penetration",
+            (f"left/finger_{side}", "object/yellow"),
+            squeezed(sample, finger),
+        )
+    for arm_name in ("left", "right"):
+        PROBES[f"{arm_name}/finger_{side} in the can"] = (
+            "carry",
+            "penetration",
+            tuple(sorted((f"{arm_name}/finger_{side}", "object/can"))),
+            can_under_a_finger(arm_name, 1 if side == "left" else -1),
+        )
+PROBES["palm in the box"] = ("carry", "penetration", ("left/hand", "object/yellow"), palm_lowered)
 
 
 def to_limit(joint: int, bound: float, beyond: float) -> Callable[[Case, float], Case]:

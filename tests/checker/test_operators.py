@@ -36,7 +36,10 @@ from dvr_jax.errors import MotionError, SceneError
 from dvr_jax.logic import Action
 from dvr_jax.scene.types import OnRegion, Region, Scene, SceneObject
 
-FINGER_RADIUS = 0.0105
+FINGER_END = 0.0153
+"""From the gripper center down to the end of a finger's capsules [m]."""
+FINGER_SIDE = 0.0152
+"""From the middle of a gripper to the farthest point of a finger's capsules across the closing axis [m]."""
 DOWN = (0.0, 0.0, -1.0)
 
 
@@ -89,7 +92,7 @@ def sucked() -> Case:
     box = SceneObject("yellow", "box", (0.05, 0.08, 0.10), (-0.20, 0.20), 0.3)
     puppet = Puppet(Scene((box,), OnRegion("yellow", Region((-0.15, -0.20), 0.3, (0.14, 0.14)))))
     pose = hand((np.cos(0.3), np.sin(0.3), 0.0), DOWN)
-    top = 0.10 + FINGER_RADIUS
+    top = 0.10 + FINGER_END
     puppet.fingers(0, 0.0)
     puppet.reach(0, pose, np.array([-0.20, 0.20, top + 0.05]))
     puppet.reach(0, pose, np.array([-0.20, 0.20, top]))
@@ -145,7 +148,7 @@ def check_nudge(
             motion.gripper_positions[sample, arm] - motion.object_positions[sample, interval.object]
         )
         away = shape_check_named(item.shape).distance_outside(item.size, to_object @ center)
-        log.add(NUDGE_ALONE, int(sample), names, away, 0.015)
+        log.add(NUDGE_ALONE, int(sample), names, away, 0.018)
 
 
 NUDGE_CHECK = OperatorCheck("nudge", (ARM, OBJECT), nudge_refusal, nudge_attachment, check_nudge)
@@ -161,7 +164,7 @@ class Pusher(Puppet):
             _, p = self.gripper(0, self.qpos)
             column = self.layout.objects[0][1]
             # Half a millimeter beyond the fingers and half the box.
-            self.qpos[column] = max(self.qpos[column], p[1] + FINGER_RADIUS + 0.0005 + 0.04)
+            self.qpos[column] = max(self.qpos[column], p[1] + FINGER_SIDE + 0.0005 + 0.04)
         super().record()
 
 
@@ -170,7 +173,7 @@ def nudged(way: float) -> Case:
     box = SceneObject("yellow", "box", (0.06, 0.08, 0.06), (-0.20, 0.0), 0.0)
     puppet = Pusher(Scene((box,), OnRegion("yellow", Region((-0.20, 0.08), 0.0, (0.10, 0.20)))))
     pose = hand((1.0, 0.0, 0.0), DOWN)
-    behind = -0.04 - FINGER_RADIUS - 0.001
+    behind = -0.04 - FINGER_SIDE - 0.001
     puppet.fingers(0, 0.0)
     puppet.reach(0, pose, np.array([-0.20, behind - 0.05, 0.20]))
     puppet.reach(0, pose, np.array([-0.20, behind, 0.04]))

@@ -12,6 +12,7 @@ from dvr_jax.motion import Motion
 
 LAYOUT = layout_of(2)
 YELLOW, CAN = LAYOUT.objects
+RIGHT_JOINT_4 = LAYOUT.arm_joints[1, 3]
 RIGHT_JOINT_7 = LAYOUT.arm_joints[1, 6]
 
 
@@ -34,7 +35,7 @@ def turned_about(axis: int, angle: float, quaternion: np.ndarray) -> np.ndarray:
 
 def limit_violated(case: Case) -> Case:
     def change(qpos: np.ndarray) -> None:
-        qpos[:, RIGHT_JOINT_7] = np.linspace(qpos[0, RIGHT_JOINT_7], 2.8973 + 0.02, len(qpos))
+        qpos[:, RIGHT_JOINT_4] = np.linspace(qpos[0, RIGHT_JOINT_4], -3.0718 - 0.02, len(qpos))
 
     return changed(case, change)
 
@@ -234,7 +235,7 @@ CASES: list[tuple[Callable[[Case], Case], set[tuple[str, tuple[str, ...]]]]] = [
         fingers_closed_too_early,
         {("penetration", (f"left/finger_{side}", "object/yellow")) for side in ("left", "right")},
     ),
-    (limit_violated, {("joint limit", ("right/joint7",))}),
+    (limit_violated, {("joint limit", ("right/joint4",))}),
     (finger_beyond, {("finger travel", ("right/finger_left",))}),
     (joint_jumps, {("joint speed", ("right/joint7",)), ("joint acceleration", ("right/joint7",))}),
     (joint_trembles, {("joint acceleration", ("right/joint7",))}),
@@ -259,7 +260,7 @@ CASES: list[tuple[Callable[[Case], Case], set[tuple[str, tuple[str, ...]]]]] = [
             # It jumps through the hand.
             *(
                 ("penetration", (f"left/{part}", "object/yellow"))
-                for part in ("hand", "link6", "link7")
+                for part in ("hand", "link5", "link6", "link7")
             ),
         },
     ),

@@ -6,6 +6,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from other_robots import SIX_JOINTS
 from puppet import Case
 
 from dvr_jax.checker.operators import CHECKS
@@ -16,7 +17,9 @@ from dvr_jax.execution.commands import grip_intervals, servo_commands
 from dvr_jax.execution.physics_model import build_execution_model
 from dvr_jax.motion.motion import Motion
 from dvr_jax.scene.layout import qpos_layout
-from dvr_jax.scene.mjcf import object_body_name
+from dvr_jax.scene.mjcf import COLLISION_GROUP, LOOKS_GROUP, build_model, object_body_name
+from dvr_jax.workcell.robot import FINGERS
+from dvr_jax.workcell.workcell import Arm, Workcell
 
 NOMINAL = ExecutionConditions()
 
@@ -80,18 +83,24 @@ def test_closed_fingers_push_what_they_should_grasp(carry: Case) -> None:
 
 
 def test_a_push_that_ends_in_a_grasp_is_a_push(carry: Case) -> None:
-    """The arm comes down 8 mm beside its way, pushes the box, and lifts it there."""
+    """A finger shifts the box to the middle of the gripper, which lifts it there: off by less than a centimeter as it
+    is grasped, and by more afterwards."""
     layout = qpos_layout(carry.scene)
     item = layout.objects[carry.scene.object_index("yellow")]
     qpos = carry.motion.qpos.copy()
-    # The box is planned across the closing axis from where the fingers come down, so that one of them shifts it.
+    # The box is planned beside where the gripper closes, 2 mm from the inner side of an open finger.
     axis = np.array([np.cos(0.3), np.sin(0.3)])
-    qpos[:, item[:2]] += 0.009 * axis
+    qpos[:, item[:2]] += 0.013 * axis
     shifted = replace(carry, motion=Motion(carry.motion.time, qpos, carry.motion.switch))
-    report = executed(with_travel(shifted, slice(None, int(carry.motion.switch[0]) - 40), 0.03))
-    assert report.deviation is not None
-    assert report.deviation.cause is DeviationCause.PUSHED
-    assert report.deviation.time < carry.motion.time[carry.motion.switch[0]]
+    done = execute(shifted.scene, shifted.actions, shifted.motion, NOMINAL)
+    grasp = int(carry.motion.switch[0])
+    off = np.linalg.norm(done.qpos[: len(qpos), item[:3]] - qpos[:, item[:3]], axis=1)
+    assert 3e-3 < off[grasp] < 0.8e-2
+    assert off[grasp:].max() > 1.05e-2
+    assert done.report.deviation is not None
+    assert done.report.deviation.cause is DeviationCause.PUSHED
+    assert done.report.deviation.touched_by == ("left/finger_left",)
+    assert done.report.deviation.time < carry.motion.time[grasp]
 
 
 def test_an_opened_gripper_drops_its_object(carry: Case) -> None:
@@ -158,6 +167,47 @@ def test_an_object_in_the_way_is_hit(carry: Case) -> None:
     assert report.deviation is not None
     assert (report.deviation.object, report.deviation.cause) == ("can", DeviationCause.COLLISION)
     assert "object/yellow" in report.deviation.touched_by
+
+
+def colliding(model: mujoco.MjModel) -> dict[str, set[str]]:
+    """Of each body of an arm, which of its geoms meet an object: those that are shown, its capsules, or its pad."""
+    item = model.geom(object_body_name("yellow"))
+    found: dict[str, set[str]] = {}
+    for geom in range(model.ngeom):
+        body = model.body(model.geom_bodyid[geom]).name
+        if body.startswith(("object/", "fixed/")) or body in ("world", "table"):
+            continue
+        kinds = found.setdefault(body, set())
+        meets = (model.geom_contype[geom] & item.conaffinity[0]) | (
+            item.contype[0] & model.geom_conaffinity[geom]
+        )
+        if meets and model.geom(geom).name.endswith("_pad"):
+            kinds.add("pad")
+        elif meets:
+            kinds.add({LOOKS_GROUP: "shown", COLLISION_GROUP: "capsule"}[model.geom_group[geom]])
+    return found
+
+
+def test_fingers_collide_with_what_they_show_and_all_else_with_its_capsules(carry: Case) -> None:
+    found = colliding(build_execution_model(carry.scene, NOMINAL))
+    fingers = {f"{arm}/{finger}" for arm in ("left", "right") for finger in FINGERS}
+    links = {f"{arm}/link{number}" for arm in ("left", "right") for number in range(1, 8)}
+    bodies = links | {f"{arm}/{body}" for arm in ("left", "right") for body in ("base", "hand")}
+    expected = {body: {"pad", "shown"} for body in fingers} | {body: {"capsule"} for body in bodies}
+    assert found == expected
+    # The scene's own model, which serves kinematics, has no pads, and its fingers collide with their capsules.
+    own = colliding(build_model(carry.scene))
+    assert own == {body: {"capsule"} for body in fingers | bodies}
+
+
+def test_fingers_that_show_nothing_collide_with_their_capsules(carry: Case) -> None:
+    robot = SIX_JOINTS
+    arm = Arm("arm", (0.0, -0.4), np.pi / 2, home=robot.home)
+    scene = replace(carry.scene, workcell=Workcell((arm,), robot=robot))
+    found = colliding(build_execution_model(scene, NOMINAL))
+    assert {body: kinds for body, kinds in found.items() if "finger" in body} == {
+        f"arm/{finger}": {"pad", "capsule"} for finger in FINGERS
+    }
 
 
 def test_pads_press_with_the_grip_force(carry: Case) -> None:

@@ -1,8 +1,10 @@
 """The MuJoCo model against Franka's Denavit-Hartenberg table, its own XML, and what may touch what."""
 
 import math
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import product
 
 import mujoco
 import numpy as np
@@ -38,6 +40,21 @@ from dvr_jax.workcell.workcell import (
 CAPSULE_NAMES = tuple(f"{name}_collision" for name in PANDA.capsules.names)
 ARM_NAMES = DEFAULT_WORKCELL.arm_names
 ODD_NAME = 'a/b "<&> \x01 ü 日本'
+CAPSULES_OF_BODIES = {
+    "base": 1,
+    "link1": 1,
+    "link2": 1,
+    "link3": 1,
+    "link4": 1,
+    "link5": 1,
+    "link6": 2,
+    "link7": 1,
+    "hand": 2,
+    "finger_left": 3,
+    "finger_right": 3,
+}
+"""How many capsules each body of an arm has."""
+
 REGION = Region((0.3, 0.2), 0.4, (0.25, 0.2))
 SCENE = make_scene(
     [
@@ -180,7 +197,7 @@ def test_xml_stands_alone_and_is_the_same_model(model: mujoco.MjModel) -> None:
     assert object_body_name(ODD_NAME) in [again.body(index).name for index in range(again.nbody)]
 
 
-def test_nine_capsules_an_arm_one_a_body(model: mujoco.MjModel) -> None:
+def test_seventeen_capsules_an_arm_on_all_its_bodies(model: mujoco.MjModel) -> None:
     for arm in ARM_NAMES:
         names = [
             model.geom(g).name
@@ -189,22 +206,32 @@ def test_nine_capsules_an_arm_one_a_body(model: mujoco.MjModel) -> None:
         ]
         assert names == [f"{arm}/{name}" for name in CAPSULE_NAMES]
         assert all(model.geom(name).type == mujoco.mjtGeom.mjGEOM_CAPSULE for name in names)
-        assert len({int(model.geom(name).bodyid[0]) for name in names}) == 9
+        bodies = Counter(model.body(model.geom(name).bodyid[0]).name for name in names)
+        assert bodies == {f"{arm}/{body}": number for body, number in CAPSULES_OF_BODIES.items()}
+        assert bodies.total() == 17
 
 
 def test_finger_pads_lie_at_half_the_opening(model: mujoco.MjModel) -> None:
+    """The capsules beside the pads reach 1 mm over them, those behind stay back."""
     data, layout = build_home_data(model), qpos_layout(SCENE)
-    fingers = [model.geom(f"left/finger_{side}_collision").id for side in ("left", "right")]
+
+    def finger(side: str, part: str) -> int:
+        return int(model.geom(f"left/finger_{side}_{part}_collision").id)
+
     for travel in (0.0, 0.013, 0.04):
         data.qpos[layout.fingers] = travel
         mujoco.mj_kinematics(model, data)
-        gap = mujoco.mj_geomDistance(model, data, *fingers, 1.0, None)
-        assert gap == pytest.approx(2 * travel, abs=1e-9)
-    # The capsules' axes end level with the gripper center; at home the hand points down.
-    axis = data.geom_xmat[fingers[0]].reshape(3, 3)[2, 2] * model.geom_size[fingers[0], 1]
-    assert data.geom_xpos[fingers[0], 2] - abs(axis) == pytest.approx(
-        data.site("left/gripper").xpos[2], abs=1e-9
-    )
+        for part, overhang in (("front", 1e-3), ("rear", 1e-3), ("back", -0.0065)):
+            pair = (finger("left", part), finger("right", part))
+            gap = mujoco.mj_geomDistance(model, data, *pair, 1.0, None)
+            assert gap == pytest.approx(2 * (travel - overhang), abs=1e-9), part
+    # The axes of those beside the pads end 6 mm below the gripper center; at home the hand points down.
+    for side, part in product(("left", "right"), ("front", "rear")):
+        geom = finger(side, part)
+        axis = data.geom_xmat[geom].reshape(3, 3)[2, 2] * model.geom_size[geom, 1]
+        assert data.geom_xpos[geom, 2] - abs(axis) == pytest.approx(
+            data.site("left/gripper").xpos[2] - 0.006, abs=1e-9
+        )
 
 
 def test_who_touches_whom(model: mujoco.MjModel) -> None:
@@ -215,12 +242,24 @@ def test_who_touches_whom(model: mujoco.MjModel) -> None:
             seen.add(frozenset((model.geom(first).name, model.geom(second).name)))
             for geom in (first, second):
                 assert model.geom_group[geom] not in (LOOKS_GROUP, GOAL_GROUP)
-    moving = [f"left/{name}" for name in CAPSULE_NAMES[1:]]
-    assert frozenset(("left/column_collision", "table")) not in seen
-    assert frozenset(("left/upper_arm_collision", "left/elbow_collision")) not in seen
-    assert frozenset(("left/column_collision", "left/upper_arm_collision")) not in seen
-    for name in moving[2:]:  # the shoulder and the elbow cannot come down to the table
-        assert frozenset((name, "table")) in seen
+    # Of each arm, only those pairs touch that its robot lists. Base, shoulder, upper arm and both elbows cannot come
+    # down to the table.
+    listed = {
+        frozenset((CAPSULE_NAMES[i], CAPSULE_NAMES[j]))
+        for near, far in PANDA.self_collision_pairs
+        for i, j in product(range(*near), range(*far))
+    }
+    above_table = {CAPSULE_NAMES[c] for c in range(*PANDA.table_capsules)}
+    assert len(above_table) == 12
+    for arm in ARM_NAMES:
+        own = {frozenset(f"{arm}/{name}" for name in pair) for pair in listed}
+        assert {pair for pair in seen if all(name.startswith(f"{arm}/") for name in pair)} <= own
+        touching = {name for pair in seen if "table" in pair for name in pair - {"table"}}
+        assert {name for name in touching if name.startswith(f"{arm}/")} == {
+            f"{arm}/{name}" for name in above_table
+        }
+    assert frozenset(("left/base_collision", "left/forearm_collision")) in seen
+    assert frozenset(("left/forearm_collision", "left/flange_collision")) in seen
     assert frozenset(("left/hand_collision", "object/yellow")) in seen
     assert any({name.split("/")[0] for name in pair} == {"left", "right"} for pair in seen)
 

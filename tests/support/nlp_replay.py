@@ -52,7 +52,8 @@ def body_pairs(scene: Scene) -> list[Names]:
 
 
 def clearances(case: Case) -> Floats:
-    """(B, T', P): the clearance of each row by the definition of `dvr_jax.workcell.clearances`, and as the case has it."""
+    """(B, T', P): the clearance of each row by the definition of `dvr_jax.workcell.clearances`, and as the case has
+    it."""
     workcell = case.setting.scene.workcell
     robot = workcell.robot
     keep = workcell.clearances

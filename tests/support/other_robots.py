@@ -35,7 +35,10 @@ def _longer_forearm(mjcf: str) -> str:
     """The Panda with 5 cm more between elbow and wrist: the joint, and the capsule that covers the link."""
     for before, after in (
         ('pos="-0.0825 0.384 0"', 'pos="-0.0825 0.434 0"'),
-        ('fromto="0 -0.002 -0.27 0 0.063 0"', 'fromto="0 -0.002 -0.32 0 0.063 0"'),
+        (
+            'fromto="0 0.0104 -0.2438 0 0.064 0.003"',
+            'fromto="0 0.0104 -0.2938 0 0.064 0.003"',
+        ),
         ('<mujoco model="panda">', '<mujoco model="long_panda">'),
     ):
         assert mjcf.count(before) == 1

@@ -1,5 +1,6 @@
 """Forward kinematics, capsules and joint screws against MuJoCo C and MJX, in every workcell."""
 
+from collections.abc import Iterator
 from copy import copy
 
 import jax
@@ -133,45 +134,111 @@ def test_capsules_are_all_that_collides(forward: Forward) -> None:
         assert tuple(own) == CAPSULE_NAMES
 
 
-def test_an_arm_is_its_own_mirror_image_but_for_forearm_and_flange() -> None:
-    """What can be done with y reversed as well; the gripper's closing axis has no direction, fingers change places."""
-    simulated = Simulated()
-    q, openings = sample_postures()
+MIRROR_IMAGES = (
+    "base",
+    "palm",
+    *(f"finger_{side}_{part}" for side in ("left", "right") for part in ("front", "rear", "back")),
+)
+"""Capsules of an arm that are exact mirror images of themselves or of another finger's."""
+
+BESIDE_MIRROR_IMAGE = {
+    "shoulder": 0.032,
+    "upper_arm": 0.032,
+    "elbow": 0.025,
+    "lower_elbow": 0.025,
+    "forearm": 0.085,
+    "wrist": 0.005,
+    "wrist_cap": 0.015,
+    "flange": 0.032,
+    "hand": 0.009,
+}
+"""How far other capsules of a mirrored arm stand out of the arm in the mirrored posture [m]."""
+
+REVERSED_Y = np.array([1.0, -1.0, 1.0])
+
+
+def mirrored_posture(q: Floats) -> Floats:
+    """The posture that does the same with y reversed; the gripper's closing axis has no direction."""
     lower, upper = PANDA.joint_limits
-    mirrored = q * [-1, 1, -1, 1, -1, 1, -1]  # the hand is turned by -pi/4 on the flange
+    # The hand is turned by -pi/4 on the flange.
+    mirrored = q * [-1, 1, -1, 1, -1, 1, -1]
     mirrored[..., 6] += np.where(q[..., 6] > np.pi / 2 - upper[6], np.pi / 2, -np.pi / 2)
     assert ((mirrored >= lower) & (mirrored <= upper)).all()
-    symmetric = [
-        name for name in CAPSULE_NAMES if name.split("_")[0] not in ("forearm", "flange", "finger")
-    ]
-    signs = np.array([1.0, -1.0, 1.0])
+    return mirrored
 
-    def seen(data: mujoco.MjData, arm: str) -> list[Floats]:
-        grip, capsules = (
-            data.site(f"{arm}/gripper"),
-            [data.geom(f"{arm}/{name}") for name in symmetric],
-        )
-        fingers = [data.geom(f"{arm}/{name}").xpos for name in CAPSULE_NAMES if "finger" in name]
-        return [
-            grip.xpos,
-            *(capsule.xpos for capsule in capsules),
-            *sorted(fingers, key=lambda p: p[0]),
-        ]
 
-    both = zip(
-        *(list(map(copy, simulated.states(x, openings))) for x in (q, mirrored)), strict=True
-    )
-    for here, there in both:
+def segment(simulated: Simulated, data: mujoco.MjData, name: str) -> tuple[Floats, Floats, float]:
+    """Both ends and the radius of a capsule."""
+    geom = data.geom(name)
+    radius, half = simulated.model.geom(name).size[:2]
+    axis = geom.xmat.reshape(3, 3)[:, 2] * half
+    return geom.xpos - axis, geom.xpos + axis, float(radius)
+
+
+def both_postures(simulated: Simulated) -> Iterator[tuple[mujoco.MjData, mujoco.MjData]]:
+    """The state of each sampled posture and that of its mirrored posture."""
+    q, openings = sample_postures()
+    here = map(copy, simulated.states(q, openings))
+    there = map(copy, simulated.states(mirrored_posture(q), openings))
+    yield from zip(here, there, strict=True)
+
+
+def test_grippers_and_fingers_are_their_own_mirror_images() -> None:
+    """What can be done with y reversed as well; the fingers change places."""
+    simulated = Simulated()
+    fingers = [name for name in MIRROR_IMAGES if name.startswith("finger")]
+    others = [name for name in MIRROR_IMAGES if name not in fingers]
+
+    def middles(data: mujoco.MjData, arm: str) -> list[Floats]:
+        own = [data.geom(f"{arm}/{name}_collision").xpos for name in others]
+        return [data.site(f"{arm}/gripper").xpos, *own]
+
+    def ends(data: mujoco.MjData, arm: str) -> Floats:
+        """Of all fingers' capsules, one after another: both ends and the radius (6, 7)."""
+        found = [segment(simulated, data, f"{arm}/{name}_collision") for name in fingers]
+        return np.array([[*start, *end, radius] for start, end, radius in found])
+
+    for here, there in both_postures(simulated):
         for arm in simulated.workcell.arm_names:
             np.testing.assert_allclose(
-                np.multiply(seen(here, arm), signs), seen(there, arm), **TIGHT
+                np.multiply(middles(here, arm), REVERSED_Y), middles(there, arm), **TIGHT
             )
-            approach, closing = (
-                there.site(f"{arm}/gripper").xmat.reshape(3, 3)[:, i] for i in (2, 1)
-            )
-            expected = here.site(f"{arm}/gripper").xmat.reshape(3, 3) * signs[:, None]
-            np.testing.assert_allclose(approach, expected[:, 2], **TIGHT)
-            np.testing.assert_allclose(abs(closing @ expected[:, 1]), 1, **TIGHT)
+            expected_ends = ends(here, arm) * [*REVERSED_Y, *REVERSED_Y, 1.0]
+            differences = np.abs(expected_ends[:, None] - ends(there, arm)[None]).max(-1)
+            # Each finger's capsule becomes another one, and no two the same.
+            assert (differences.min(1) < TIGHT["atol"]).all()
+            assert sorted(differences.argmin(1)) == list(range(6))
+            axes = there.site(f"{arm}/gripper").xmat.reshape(3, 3)
+            expected = here.site(f"{arm}/gripper").xmat.reshape(3, 3) * REVERSED_Y[:, None]
+            np.testing.assert_allclose(axes[:, 2], expected[:, 2], **TIGHT)
+            np.testing.assert_allclose(abs(axes[:, 1] @ expected[:, 1]), 1, **TIGHT)
+
+
+def test_an_arm_is_nearly_its_own_mirror_image_but_for_forearm_and_flange() -> None:
+    """Each capsule's surface, mirrored, against all capsules of the arm in the mirrored posture."""
+    simulated = Simulated()
+    generator = np.random.default_rng(0)
+    worst = dict.fromkeys(PANDA.capsules.names, 0.0)
+    for here, there in both_postures(simulated):
+        capsules = [segment(simulated, there, f"left/{name}") for name in CAPSULE_NAMES]
+        for name in worst:
+            start, end, radius = segment(simulated, here, f"left/{name}_collision")
+            along = generator.uniform(0, 1, (500, 1))
+            normal = generator.normal(size=(500, 3))
+            normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+            points = (start + along * (end - start) + radius * normal) * REVERSED_Y
+            outside = np.min([distance_from(points, *capsule) for capsule in capsules], axis=0)
+            worst[name] = max(worst[name], float(outside.max()))
+    limits = dict.fromkeys(MIRROR_IMAGES, 1e-9) | BESIDE_MIRROR_IMAGE
+    assert set(limits) == set(worst)
+    assert {name: depth for name, depth in worst.items() if depth > limits[name]} == {}
+
+
+def distance_from(points: Floats, start: Floats, end: Floats, radius: float) -> Floats:
+    """How far points (n, 3) are outside a capsule [m]."""
+    axis = end - start
+    along = np.clip((points - start) @ axis / (axis @ axis), 0, 1)
+    return np.linalg.norm(points - start - along[:, None] * axis, axis=1) - radius
 
 
 def test_joint_screws(forward: Forward) -> None:
@@ -214,7 +281,7 @@ def test_links_against_mjx(forward: Forward) -> None:
 
 @pytest.mark.parametrize("name", ["facing", "side-by-side"])
 def test_a_gripper_is_shifted_up_or_back(name: str) -> None:
-    """By the closed form: the hand keeps its orientation, and moves 5 cm straight up or against its approach."""
+    """By the closed form: the hand keeps its orientation, and moves 2 to 6 cm straight up or against its approach."""
     workcell = WORKCELLS[name]
     simulated = Simulated(workcell)
     generator = np.random.default_rng(0)
@@ -222,7 +289,8 @@ def test_a_gripper_is_shifted_up_or_back(name: str) -> None:
     q = PANDA.home + generator.normal(size=(n, 7)) * 0.25
     q = np.clip(q, *PANDA.joint_limits)
     up = np.arange(n) % 2 == 0
-    shifted = np.asarray(shift_gripper(workcell_model(workcell), q, up, np.array(0.05)))
+    distance = generator.uniform(0.02, 0.06, n)
+    shifted = np.asarray(shift_gripper(workcell_model(workcell), q, up, distance))
     assert shifted.shape == q.shape
     same = (shifted == q).all(1)
     assert same.mean() < 0.1
@@ -237,7 +305,7 @@ def test_a_gripper_is_shifted_up_or_back(name: str) -> None:
             continue
         before, after = here.site(f"{arm}/gripper"), there.site(f"{arm}/gripper")
         direction = np.array([0, 0, 1.0]) if up[i] else -before.xmat.reshape(3, 3)[:, 2]
-        np.testing.assert_allclose(after.xpos, before.xpos + 0.05 * direction, atol=1e-9)
+        np.testing.assert_allclose(after.xpos, before.xpos + distance[i] * direction, atol=1e-9)
         np.testing.assert_allclose(after.xmat, before.xmat, atol=1e-9)
         assert shifted[i, 6] == q[i, 6]
         assert (shifted[i] >= PANDA.joint_limits[0]).all() and (

@@ -5,22 +5,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from arm_states import Simulated
+from arm_states import Simulated, sample_postures
 
 from dvr_jax.errors import DvrError
 from dvr_jax.workcell.panda import PANDA
 from dvr_jax.workcell.robot import InverseKinematics, Robot, register_robot, robot_named
-from dvr_jax.workcell.workcell import WORKCELLS
+from dvr_jax.workcell.workcell import SINGLE_ARM_WORKCELL, WORKCELLS
 
 PUBLISHED_LIMITS = [
-    # lower [rad], upper [rad], speed [rad/s], acceleration [rad/s^2]
-    (-2.8973, 2.8973, 2.1750, 15.0),
-    (-1.7628, 1.7628, 2.1750, 7.5),
-    (-2.8973, 2.8973, 2.1750, 10.0),
-    (-3.0718, -0.0698, 2.1750, 12.5),
-    (-2.8973, 2.8973, 2.6100, 15.0),
-    (-0.0175, 3.7525, 2.6100, 20.0),
-    (-2.8973, 2.8973, 2.6100, 20.0),
+    # lower [rad], upper [rad], speed [rad/s], acceleration [rad/s^2], jerk [rad/s^3], torque [N m]
+    (-2.8973, 2.8973, 2.1750, 15.0, 7500.0, 87.0),
+    (-1.7628, 1.7628, 2.1750, 7.5, 3750.0, 87.0),
+    (-2.8973, 2.8973, 2.1750, 10.0, 5000.0, 87.0),
+    (-3.0718, -0.0698, 2.1750, 12.5, 6250.0, 87.0),
+    (-2.8973, 2.8973, 2.6100, 15.0, 7500.0, 12.0),
+    (-0.0175, 3.7525, 2.6100, 20.0, 10000.0, 12.0),
+    (-2.8973, 2.8973, 2.6100, 20.0, 10000.0, 12.0),
 ]
 """Franka Control Interface documentation, Robot and interface specifications, joint space limits of the Panda."""
 
@@ -40,6 +40,8 @@ def test_limits_are_the_makers() -> None:
     np.testing.assert_array_equal(PANDA.joint_limits, limits[:, :2].T)
     np.testing.assert_array_equal(PANDA.joint_velocity, limits[:, 2])
     np.testing.assert_array_equal(PANDA.joint_acceleration, limits[:, 3])
+    np.testing.assert_array_equal(PANDA.joint_jerk, limits[:, 4])
+    np.testing.assert_array_equal(PANDA.joint_torque, limits[:, 5])
     # Data sheet of the Franka Hand: grippers open 80 mm, fingers travel at 50 mm/s.
     assert (
         PANDA.maximum_opening == 0.08 and PANDA.finger_travel == 0.04 and PANDA.finger_speed == 0.05
@@ -73,20 +75,70 @@ def test_postures_are_within_the_limits() -> None:
 def test_capsules_are_named_from_the_base_outwards() -> None:
     capsules = PANDA.capsules
     assert capsules.names == (
-        "column",
+        "base",
+        "shoulder",
         "upper_arm",
         "elbow",
+        "lower_elbow",
         "forearm",
         "wrist",
+        "wrist_cap",
         "flange",
         "hand",
-        "finger_left",
-        "finger_right",
+        "palm",
+        "finger_left_front",
+        "finger_left_rear",
+        "finger_left_back",
+        "finger_right_front",
+        "finger_right_rear",
+        "finger_right_back",
     )
-    assert capsules.links == (0, 2, 4, 5, 6, 7, 7, 7, 7)
-    assert PANDA.holding_capsules == (6, 7, 8)
-    assert PANDA.table_capsules == (3, 9)
-    assert PANDA.self_collision_pairs == (((0, 1), (3, 9)), ((1, 2), (4, 9)), ((2, 4), (5, 9)))
+    assert capsules.links == (0, 1, 2, 3, 4, 5, 6, 6, *[7] * 9)
+    assert PANDA.holding_capsules == (9, 10, 11, 12, 13, 14, 15, 16)
+    assert PANDA.table_capsules == (5, 17)
+    assert PANDA.self_collision_pairs == (((0, 3), (5, 17)), ((5, 6), (8, 17)))
+
+
+def test_only_fingers_move_as_a_gripper_opens() -> None:
+    """Away from each other along the closing axis, which lies on the diagonal of the last link's frame."""
+    capsules = PANDA.capsules
+    diagonal = np.array([1.0, 1.0, 0.0]) / np.sqrt(2)
+    for name, direction in zip(capsules.names, capsules.finger_directions, strict=True):
+        side = name.startswith("finger_left") - float(name.startswith("finger_right"))
+        np.testing.assert_allclose(direction, side * diagonal, rtol=0, atol=1e-12)
+
+
+def test_the_overhang_of_the_pads_is_that_of_the_widest_capsule() -> None:
+    """The capsules beside the pads have a radius of 9.3 mm and end 8.3 mm from the middle of the closed gripper."""
+    assert PANDA.pad_overhang == pytest.approx(1e-3, abs=1e-12)
+    right = 'name="finger_right_rear_collision" class="collision" fromto="-0.0059 -0.0084'
+    near = altered(right, right.replace("-0.0084", "-0.0070"))
+    assert near.pad_overhang == pytest.approx(2.3e-3, abs=1e-12)
+    far = robot_of(
+        re.sub(
+            r'(name="finger_\w+_collision" class="collision" fromto="[^"]*" size=)"[0-9.]*"',
+            r'\1"0.005"',
+            PANDA.mjcf,
+        )
+    )
+    assert far.pad_overhang == 0.0
+
+
+def test_no_capsule_reaches_farther_than_it_is_said_to() -> None:
+    """Across the first joint's axis, in random postures; what turns about this axis alone reaches just so far."""
+    simulated = Simulated(SINGLE_ARM_WORKCELL)
+    model = simulated.model
+    axis = np.array(SINGLE_ARM_WORKCELL.arms[0].position)
+    farthest = np.zeros(len(PANDA.capsules.names))
+    for data in simulated.states(*sample_postures(2000, workcell=SINGLE_ARM_WORKCELL)):
+        for c, name in enumerate(PANDA.capsules.names):
+            geom = data.geom(f"arm/{name}_collision")
+            radius, half = model.geom(f"arm/{name}_collision").size[:2]
+            along = geom.xmat.reshape(3, 3)[:2, 2] * half
+            for end in (geom.xpos[:2] - along, geom.xpos[:2] + along):
+                farthest[c] = max(farthest[c], np.linalg.norm(end - axis) + radius)
+    assert (farthest <= PANDA.capsule_reach + 1e-9).all()
+    np.testing.assert_allclose(farthest[:2], PANDA.capsule_reach[:2], rtol=0, atol=1e-9)
 
 
 def test_equal_robots_are_one_key() -> None:
@@ -124,42 +176,47 @@ def test_a_missing_element_is_named(element: str, read) -> None:
     ("old", "new", "read", "message"),
     [
         (
-            'data="forearm wrist flange',
-            'data="forearm flange wrist',
+            'data="forearm wrist wrist_cap flange',
+            'data="forearm wrist flange wrist_cap',
             "table_capsules",
             "not consecutive",
         ),
         (
-            'data="forearm wrist flange',
-            'data="elbow wrist flange',
+            'data="forearm wrist wrist_cap flange',
+            'data="elbow wrist wrist_cap flange',
             "table_capsules",
             "not consecutive",
         ),
         (
-            "column : forearm wrist",
-            "column : forearm flange",
+            "upper_arm : forearm wrist",
+            "upper_arm : forearm flange",
             "self_collision_pairs",
             "not consecutive",
         ),
         (
-            'data="hand finger_left',
-            'data="palm finger_left',
+            'data="hand palm finger_left_front',
+            'data="hand thumb finger_left_front',
             "holding_capsules",
-            "no capsule 'palm'",
+            "no capsule 'thumb'",
         ),
         (
-            'data="forearm wrist flange',
-            'data="knee wrist flange',
+            'data="forearm wrist wrist_cap flange',
+            'data="knee wrist wrist_cap flange',
             "table_capsules",
             "no capsule 'knee'",
         ),
         (
-            "column : forearm",
-            "column forearm",
+            "upper_arm : forearm",
+            "upper_arm forearm",
             "self_collision_pairs",
             "valid is 'these : with these'",
         ),
-        ("column : forearm", " : forearm", "self_collision_pairs", "names no capsule"),
+        (
+            "base shoulder upper_arm : forearm",
+            " : forearm",
+            "self_collision_pairs",
+            "names no capsule",
+        ),
         ('name="home" data="0 ', 'name="home" data="', "home", "has 6 numbers; valid are 7"),
         ('name="tucked" data="0 ', 'name="tucked" data="', "tucked", "has 6 numbers; valid are 7"),
         (
@@ -169,6 +226,18 @@ def test_a_missing_element_is_named(element: str, read) -> None:
             "valid are 7",
         ),
         (
+            'name="joint_jerk" data="7500 ',
+            'name="joint_jerk" data="',
+            "joint_jerk",
+            "has 6 numbers; valid are 7",
+        ),
+        (
+            'name="joint_torque" data="87 ',
+            'name="joint_torque" data="',
+            "joint_torque",
+            "has 6 numbers; valid are 7",
+        ),
+        (
             'name="finger_speed" data="0.05"',
             'name="finger_speed" data="0.05 1"',
             "finger_speed",
@@ -176,8 +245,8 @@ def test_a_missing_element_is_named(element: str, read) -> None:
         ),
         ('name="base_foot" data="0.085 ', 'name="base_foot" data="', "base_foot", "valid are 3"),
         (
-            'name="wrist_collision" class="collision" fromto="0 0 0 0.088 0 0" size="0.06"',
-            'name="wrist_collision" class="collision" type="sphere" pos="0.044 0 0" size="0.06"',
+            'name="wrist_collision" class="collision" fromto="0.087 -0.0153 0.0012 0.0035 0.005 0.0066" size="0.058"',
+            'name="wrist_collision" class="collision" type="sphere" pos="0.044 0 0" size="0.058"',
             "capsules",
             "'wrist_collision' of the robot 'altered' is no capsule",
         ),
@@ -193,6 +262,13 @@ def test_a_bad_mjcf_is_refused_in_one_sentence(old: str, new: str, read: str, me
         getattr(robot, read)
     sentence = str(refused.value)
     assert sentence.endswith(".") and "\n" not in sentence
+
+
+@pytest.mark.parametrize("element", ["joint_jerk", "joint_torque"])
+def test_a_limit_that_is_not_stated_is_infinite(element: str) -> None:
+    text = re.sub(rf'<numeric name="{element}".*?/>', "", PANDA.mjcf)
+    assert text != PANDA.mjcf
+    np.testing.assert_array_equal(getattr(robot_of(text), element), [np.inf] * 7)
 
 
 def test_a_robot_without_self_collisions() -> None:

@@ -60,7 +60,9 @@ def _slices_after(phases: int, steps: int) -> Int[np.ndarray, "phases intervals"
     return np.arange(phases)[:, None] * steps + np.array([0, steps - 2, steps - 1])
 
 
-def _joints_at_rest(problem: Problem, joints: int) -> Float[Array, "*batch phases intervals joints"]:
+def _joints_at_rest(
+    problem: Problem, joints: int
+) -> Float[Array, "*batch phases intervals joints"]:
     """Return 1 for each joint of an arm at rest in an interval, and 0 for each other joint.
 
     Args:
@@ -78,9 +80,7 @@ def _evaluate(given: EvaluationInput) -> Evaluation:
     B, K = given.x.m.shape[:2]
     T, D = q.shape[1:]
     if T == K:
-        return Evaluation(
-            jnp.zeros((B, 0, INTERVALS, D), q.dtype), None, (jnp.zeros(B, q.dtype),)
-        )
+        return Evaluation(jnp.zeros((B, 0, INTERVALS, D), q.dtype), None, (jnp.zeros(B, q.dtype),))
     after = _slices_after(K, T // K)
 
     # No arm has to rest in the first interval of the first phase.

@@ -1,16 +1,16 @@
 r"""Two blocks let a hand come to a grasp, and leave an object that it has released, straight along its approach axis.
 
-A *straight motion* lies between two neighboring slices: the *near* one, at which the hand is at the object, and the *far*
-one, at which it is the distance d away. A phase of a path has two of them: the hand that released an object at the last
-switch leaves it in the first interval of the phase, and the hand that grasps an object at the next switch comes to it in
-the last interval but one, since the fingers move in the last one. Let (R_n, p_n) be the pose of the hand at the near
-slice, and (R, p) its pose at a point of the motion: at the far slice, or at a sample between the two.
+A *straight motion* lies between two neighboring slices: the *near* one, at which the hand is at the object, and the
+*far* one, at which it is the distance d away. A phase of a path has two of them: the hand that released an object at
+the last switch leaves it in the first interval of the phase, and the hand that grasps an object at the next switch
+comes to it in the last interval but one, since the fingers move in the last one. Let (R_n, p_n) be the pose of the hand
+at the near slice, and (R, p) its pose at a point of the motion: at the far slice, or at a sample between the two.
 
 - The block of the straight line has five equalities for the far slice: the components of ``p - p_n`` along the x and y
   axes of the near hand [m], and ``2 e``, where (w, e) is the quaternion of ``R R_n^T``
   (`dvr_jax.nlp.blocks.mode_switch`) [rad].
-- The block of the corridor has the inequality ``d + z_n . (p - p_n) <= 0`` [m] for the far slice, with the approach axis
-  z_n. For each sample between both slices it bounds the components along x and y by `CORRIDOR`, on either side.
+- The block of the corridor has the inequality ``d + z_n . (p - p_n) <= 0`` [m] for the far slice, with the approach
+  axis z_n. For each sample between both slices it bounds the components along x and y by `CORRIDOR`, on either side.
 
 A hand turns with the angular velocity omega of its joints, and the point at p that moves with it has the velocity v(p).
 For an axis a_n of the near hand,
@@ -126,13 +126,13 @@ def near_and_far(phases: int, steps: int) -> tuple[np.ndarray, np.ndarray]:
 def straight_motions(given: EvaluationInput) -> StraightMotions:
     """Compute points of all straight motions and their derivatives."""
     problems = given.problems
-    B, T, D = given.x.q.shape
+    T, D = given.x.q.shape[1:]
     K = given.x.m.shape[1]
     M = problems.sample_fraction.shape[2]
     A = given.hands.position.shape[1]
 
-    # Samples of the near slices (K, 2), and of the points: those of the interval that lies between both slices, in which
-    # the far end takes the place of the last sample.
+    # Samples of the near slices (K, 2), and of the points: those of the interval that lies between both slices, in
+    # which the far end takes the place of the last sample.
     near, far = near_and_far(K, T // K)
     later = np.maximum(near, far)
     point = later[..., None] * M + np.arange(M)
