@@ -54,6 +54,7 @@ TESTS = Path(__file__).parent
 SHIMS = {
     "plan.py": "python -m dvr_jax.plan",
     "execute.py": "python -m dvr_jax.execute",
+    "export.py": "python -m dvr_jax.export",
     "sample.py": "python -m dvr_jax.sample",
     "sweep.py": "python -m dvr_jax.sweep",
     "train.py": "python -m dvr_jax.train",

@@ -30,6 +30,7 @@ COMMANDS: dict[str, Command] = {
         "dvr_jax.cli.plan", "plan one scene: from a scene file to a checked motion", at_once=True
     ),
     "execute": Command("dvr_jax.cli.execute", "execute a plan in a physics simulation"),
+    "export": Command("dvr_jax.cli.export", "write a plan's motion for robot controllers"),
     "sample": Command("dvr_jax.cli.sample", "draw random scenes into a file"),
     "sweep": Command(
         "dvr_jax.cli.sweep", "label action sequences of many scenes as feasible or not"

@@ -16,10 +16,10 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.interpolate import CubicSpline
 
 from dvr_jax.checker.operators.operator import Timeline
 from dvr_jax.execution.conditions import ExecutionConditions
+from dvr_jax.motion.interpolation import spline_of
 from dvr_jax.motion.motion import Motion
 from dvr_jax.scene.layout import Layout, qpos_layout
 from dvr_jax.scene.types import Scene
@@ -103,11 +103,10 @@ def servo_commands(
     time = model.opt.timestep * np.arange(round(duration / model.opt.timestep) + 1)
     moving = np.minimum(time, motion.time[-1] - motion.time[0])
     driven = np.concatenate([layout.arm_joints, layout.fingers], axis=1)
-    reference = CubicSpline(
-        motion.time - motion.time[0], motion.qpos[:, driven.reshape(-1)], bc_type="clamped"
-    )
-    position = reference(moving).reshape(len(time), *driven.shape)
-    speed = reference(moving, 1).reshape(len(time), *driven.shape)
+    reference = spline_of(motion)
+    columns = driven.reshape(-1)
+    position = reference(moving)[:, columns].reshape(len(time), *driven.shape)
+    speed = reference(moving, 1)[:, columns].reshape(len(time), *driven.shape)
 
     # The target of each servo, by its own gains.
     targets = np.zeros((len(time), model.nu))

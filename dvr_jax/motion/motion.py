@@ -37,6 +37,22 @@ class Motion:
         """Time between two samples [s]."""
         return float(self.time[-1] - self.time[0]) / (len(self.time) - 1)
 
+    def sample(self, rate: float) -> Motion:
+        """Return the same motion at another rate (`dvr_jax.motion.interpolation` says what lies between samples).
+
+        Args:
+            rate: Number of samples in each second [1/s].
+
+        Returns:
+            The motion. It begins at the same time and ends at the same state, up to one step later.
+
+        Raises:
+            OptionError: The rate is no number from 1 to 10,000.
+        """
+        from dvr_jax.motion.interpolation import sample_motion
+
+        return sample_motion(self, rate)
+
 
 def make_motion(time: object, qpos: object, switch: object) -> Motion:
     """Convert arrays to a valid motion.

@@ -14,12 +14,11 @@ spline through them (`dvr_jax.motion.motion`). If this spline exceeds a limit, t
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.interpolate import CubicSpline
 
 TIME_STEP = 0.02
@@ -28,21 +27,27 @@ TIME_STEP = 0.02
 FINE_STEPS = 20
 """Number of steps of 1 ms into which this time is divided for what is computed finely."""
 
-SMOOTHING = 0.02
+SMOOTHING = 0.03
 """Length of the window over which the parameter of the path is averaged, twice [s]."""
 
 LIMIT_FRACTION = 0.98
 """Fraction of the limits of velocity, acceleration and torque for which the fastest motion is computed. The rest is
 left to the rounding of its jumps."""
 
-GRID_POINTS = 80
+GRID_POINTS = 200
 """Number of intervals into which TOPP-RA divides a path."""
 
 SHORTEST_PATH = 1e-4
-"""A path along which no joint moves for longer than this at full speed is none [s]."""
+"""A path that is shorter than this is none [s]; the unit is that of joint angles over joint velocities."""
 
-SLOWEST_JOINT = 1e-3
-"""Velocity that each joint may have where the speed along a path is limited [rad/s]."""
+SMALLEST_STEP = 2e-3
+"""Points of a path that are nearer to each other than this fraction of its length are left out."""
+
+TORQUE_STEP = 5
+"""Torques are computed at every so many-th point of the grid; it divides `GRID_POINTS`."""
+
+LARGEST_TORQUE = 1e6
+"""Torque that stands for no limit [N m]."""
 
 ROOM = 1e-3
 """How much a motion stays below its limits, as a fraction of them."""
@@ -93,22 +98,19 @@ def time_optimal(
         Joint angles at times that are `TIME_STEP` apart [rad], the first and the last of them at the ends of the path;
         a single sample where nothing moves.
     """
-    length = np.concatenate(
-        [[0.0], np.cumsum((np.abs(np.diff(points, axis=0)) / limits.velocity).max(axis=1))]
-    )
+    steps = np.linalg.norm(np.diff(points, axis=0) / limits.velocity, axis=1)
+    length = np.concatenate([[0.0], np.cumsum(steps)])
     if length[-1] < SHORTEST_PATH:
         return points[-1:]
 
-    # Points that are equally far apart, so that the spline through them is even.
-    kept = np.concatenate([[True], np.diff(length) > 1e-9 * length[-1]])
-    kept[-1] = True
-    even = np.linspace(0, length[-1], len(points))
-    column = np.interp(even, length[kept], np.flatnonzero(kept))
-    smooth = CubicSpline(np.arange(len(points)), points)(column)
-    path = CubicSpline(even, smooth)
-    fastest = _speed_limit(length, shortest_times)
+    # The parameter is the length of the path, with joints weighted by their speeds. Where the arms stay, there is none.
+    kept = _distinct(length)
+    path = CubicSpline(length[kept], points[kept])
 
-    parameter = _smoothed(_fastest_parameter(path, limits, torques, fastest))
+    def largest_speeds(grid: Float[np.ndarray, " grid"]) -> Float[np.ndarray, " grid"]:
+        return _largest_speeds(grid, length, shortest_times)
+
+    parameter = _smoothed(_fastest_parameter(path, limits, torques, largest_speeds))
     factor = 1.0
     for _ in range(20):
         samples = path(_resampled(parameter, factor))
@@ -119,75 +121,122 @@ def time_optimal(
     return np.asarray(samples)
 
 
-def _speed_limit(
-    length: Float[np.ndarray, " points"], shortest_times: Float[np.ndarray, " points-1"] | None
-) -> Callable[[float], float]:
-    """Return the largest speed along a path as a function of its parameter.
+def _distinct(length: Float[np.ndarray, " points"]) -> Int[np.ndarray, " kept"]:
+    """Return the indices of points that are far enough apart for a spline, always with both ends.
 
     Args:
-        length: Parameter at each point.
+        length: Length of the path up to each point.
+    """
+    least = SMALLEST_STEP * length[-1]
+    kept = [0]
+    for index in range(1, len(length)):
+        if length[index] - length[kept[-1]] >= least:
+            kept.append(index)
+    if len(kept) > 1:
+        kept.pop()
+    return np.array([*kept, len(length) - 1])
+
+
+def _largest_speeds(
+    grid: Float[np.ndarray, " grid"],
+    length: Float[np.ndarray, " points"],
+    shortest_times: Float[np.ndarray, " points-1"] | None,
+) -> Float[np.ndarray, " grid"]:
+    """Return the largest speed along a path at some values of its parameter; infinite where there is none.
+
+    Args:
+        grid: Values of the parameter.
+        length: Parameter at each point of the path.
         shortest_times: Shortest time from each point to the next one [s].
     """
-    if shortest_times is None or not shortest_times.any():
-        return lambda parameter: math.inf
+    if shortest_times is None:
+        return np.full(len(grid), np.inf)
     fastest = np.full(len(shortest_times), np.inf)
     is_slow = shortest_times > 0
     fastest[is_slow] = np.diff(length)[is_slow] / shortest_times[is_slow]
-
-    def limit(parameter: float) -> float:
-        interval = int(np.searchsorted(length, parameter, side="right")) - 1
-        return float(fastest[min(max(interval, 0), len(fastest) - 1)])
-
-    return limit
+    interval = np.clip(np.searchsorted(length, grid, side="right") - 1, 0, len(fastest) - 1)
+    return fastest[interval]
 
 
 def _fastest_parameter(
     path: CubicSpline,
     limits: MotionLimits,
     torques: Torques,
-    fastest: Callable[[float], float],
+    largest_speeds: Callable[[Float[np.ndarray, " grid"]], Float[np.ndarray, " grid"]],
 ) -> Float[np.ndarray, " steps"]:
-    """Return the parameter of the fastest motion along a path every millisecond, by TOPP-RA."""
-    import toppra
-    from toppra.algorithm import TOPPRA
-    from toppra.constraint import (
-        JointAccelerationConstraint,
-        JointTorqueConstraint,
-        JointVelocityConstraintVarying,
-    )
+    """Return the parameter of the fastest motion along a path every millisecond.
 
-    def both(limit: Float[np.ndarray, " joints"]) -> Float[np.ndarray, "joints 2"]:
-        return LIMIT_FRACTION * np.stack([-limit, limit], axis=1)
+    Args:
+        path: Joint angles as a function of the parameter.
+        limits: Limits of the joints.
+        torques: Inverse dynamics with what the arms hold.
+        largest_speeds: Function of values of the parameter that returns the largest speeds there.
+    """
+    # Imported here, because toppra takes a second that other uses of a motion need not wait for.
+    from dvr_jax.motion.path_parameter import PathLimits, fastest_speeds
 
-    def velocity_limits(parameter: float) -> Float[np.ndarray, "joints 2"]:
-        """Limits of the joint velocities, lower where the speed along the path is limited."""
-        largest = fastest(parameter)
-        if math.isinf(largest):
-            return both(limits.velocity)
-        along = np.abs(path(parameter, 1)) * largest
-        return both(np.clip(along, SLOWEST_JOINT, limits.velocity))
-
-    constraints = [
-        JointVelocityConstraintVarying(velocity_limits),
-        JointAccelerationConstraint(both(limits.acceleration)),
-    ]
-    if np.isfinite(limits.torque).any():
-        torque = np.minimum(limits.torque, 1e6)
-        constraints.append(
-            JointTorqueConstraint(
-                lambda q, v, a: torques(q[None], v[None], a[None])[0],
-                both(torque),
-                np.zeros(len(torque)),
-            )
-        )
     grid = np.linspace(path.x[0], path.x[-1], GRID_POINTS + 1)
-    spline = toppra.SplineInterpolator(path.x, path(path.x))
-    solver = TOPPRA(constraints, spline, gridpoints=grid, solver_wrapper="seidel")
-    speed = solver.compute_parameterization(0, 0)[1]
-    speed = np.maximum(np.nan_to_num(np.asarray(speed)), 0)
+    slope = path(grid, 1)
+    bend = path(grid, 2)
+    by_velocity = (limits.velocity / np.maximum(np.abs(slope), 1e-9)).min(axis=1)
+    speed = np.minimum(LIMIT_FRACTION * by_velocity, largest_speeds(grid))
 
+    # Accelerations, then torques, where they are limited.
+    none = np.zeros_like(slope)
+    accelerations = (slope, bend, none, LIMIT_FRACTION * limits.acceleration)
+    parts = [accelerations]
+    if np.isfinite(limits.torque).any():
+        limit = np.minimum(limits.torque, LARGEST_TORQUE)
+        parts.append((*_torque_factors(path, grid, torques), LIMIT_FRACTION * limit))
+
+    def solve(rows: Sequence[tuple[np.ndarray, ...]]) -> Float[np.ndarray, " grid"] | None:
+        a, b, c, limit = (np.concatenate(values, axis=-1) for values in zip(*rows, strict=True))
+        return fastest_speeds(grid, path(grid), PathLimits(a, b, c, limit, speed))
+
+    # Where an arm is too weak to hold still, no motion keeps the limits of torque.
+    speeds = solve(parts)
+    if speeds is None:
+        speeds = solve(parts[:1])
+    assert speeds is not None
+    return _parameter_over_time(grid, speeds)
+
+
+def _torque_factors(
+    path: CubicSpline, grid: Float[np.ndarray, " grid"], torques: Torques
+) -> tuple[
+    Float[np.ndarray, "grid joints"],
+    Float[np.ndarray, "grid joints"],
+    Float[np.ndarray, "grid joints"],
+]:
+    """Return the factors of s'' and s'^2 in the torques, and the torques at rest, interpolated from some points.
+
+    Args:
+        path: Joint angles as a function of the parameter.
+        grid: Values of the parameter.
+        torques: Inverse dynamics with what the arms hold.
+    """
+    coarse = grid[::TORQUE_STEP]
+    q = path(coarse)
+    slope = path(coarse, 1)
+    rest = np.zeros_like(q)
+    c = torques(q, rest, rest)
+    a = torques(q, rest, slope) - c
+    b = torques(q, slope, path(coarse, 2)) - c
+    between = [CubicSpline(coarse, values)(grid) for values in (a, b, c)]
+    return between[0], between[1], between[2]
+
+
+def _parameter_over_time(
+    grid: Float[np.ndarray, " grid"], speed: Float[np.ndarray, " grid"]
+) -> Float[np.ndarray, " steps"]:
+    """Return the parameter every millisecond.
+
+    Args:
+        grid: Values of the parameter.
+        speed: Its speed there.
+    """
     # The acceleration is constant between two grid points.
-    mean = np.maximum((speed[1:] + speed[:-1]) / 2, 1e-6 * path.x[-1])
+    mean = np.maximum((speed[1:] + speed[:-1]) / 2, 1e-6 * grid[-1])
     time = np.concatenate([[0.0], np.cumsum(np.diff(grid) / mean)])
     fine = np.arange(0, time[-1], TIME_STEP / FINE_STEPS)
     interval = np.clip(np.searchsorted(time, fine, side="right") - 1, 0, GRID_POINTS - 1)

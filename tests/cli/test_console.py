@@ -20,7 +20,7 @@ from dvr_jax.search.searches import SEARCHES
 
 HEAVY = ("jax", "numpy", "mujoco", "scipy", "pyarrow", "flax", "orbax", "PIL")
 
-LIGHT_COMMANDS = ("plan", "execute", "sample", "sweep", "dataset", "train")
+LIGHT_COMMANDS = ("plan", "execute", "export", "sample", "sweep", "dataset", "train")
 """Commands whose options live in modules that are light to import."""
 
 
