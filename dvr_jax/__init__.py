@@ -14,7 +14,7 @@ its module when it is first used, and JAX is imported with the first name that n
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-__version__ = "0.9.0"
+__version__ = "0.10.0"
 
 _PUBLIC_NAMES: dict[str, str] = {
     # Scenes

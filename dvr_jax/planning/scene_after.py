@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from dvr_jax.planning.result import Plan
 
 LARGEST_SHIFT = 0.01
-"""Longest way by which an object may be moved to part it from others [m]; the check accepts contacts of 3 mm."""
+"""Longest way by which an object may be moved to part it from others [m]; the check accepts contacts of 1 mm."""
 
 CLEARANCE = 1e-7
 """Distance to which overlapping objects are parted [m]: more than validation's rounding, less than anybody sees."""

@@ -29,7 +29,7 @@ SAMPLES_PER_SLICE = 10
 """Number R of equal parts into which an interval is divided when the motion is examined, and rate of final motions."""
 
 BETWEEN_TOLERANCE = 2.5e-3
-"""Deepest penetration that is allowed between samples [m]; the independent check allows 3 mm."""
+"""Largest shortfall of a clearance between samples [m]; most clearances are larger, so that bodies do not touch."""
 
 EXCHANGES = 4
 """Largest number of exchanges for one path."""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from nlp_cases import Floats, written_out
 
-from dvr_jax.modes.mode import PARAMETERS
+from dvr_jax.modes.mode import PARAMETERS, ModeKind
 from dvr_jax.nlp.blocks import CONSTRAINT_BLOCKS, ConstraintBlock, ConstraintKind, Horizon
 from dvr_jax.nlp.cost import ACCELERATION_WEIGHT, accelerations, add_cost, cost
 from dvr_jax.nlp.evaluation import (
@@ -238,9 +238,7 @@ def test_accelerations_start_at_home_at_rest(path) -> None:
     np.testing.assert_allclose(ours, second_differences(sample.problem, sample.x.q), atol=1e-13)
 
 
-def test_rest_rows_are_the_steps_of_resting_arms(
-    lagrangian: Lagrangian, request: pytest.FixtureRequest
-) -> None:
+def test_rest_rows_are_the_steps_of_resting_arms(lagrangian: Lagrangian) -> None:
     S, rest = lagrangian.S, lagrangian.rows["rest"]
     if S == 1:
         assert rest.shape == (0, 3, lagrangian.D)
@@ -253,7 +251,12 @@ def test_rest_rows_are_the_steps_of_resting_arms(
         for row, slice_after, arms in zip(rest[k], after, resting, strict=True):
             step = q[slice_after] - q[slice_after - 1] if slice_after else 0 * q[0]
             np.testing.assert_allclose(row, step * np.repeat(arms, joints), atol=1e-15)
-    assert problem.still_arm.any() != request.node.name.endswith("place]")
+
+    # In a handover the other arm holds the object still.
+    rows = np.arange(lagrangian.K)
+    was, becomes = (problem.mode_kind[rows + k, problem.switched_object] for k in (0, 1))
+    is_handover = (was == ModeKind.HELD) & (becomes == ModeKind.HELD)
+    assert problem.still_arm[:, 1].any(axis=1).tolist() == is_handover.tolist()
 
 
 def test_rows_of_limits_and_bounds(lagrangian: Lagrangian) -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from nlp_cases import Floats, pose_in_mode
-from nlp_replay import Replay, body_pairs, build_replay_model
+from nlp_replay import Replay, body_pairs, build_replay_model, clearances
 from scipy.spatial.transform import Rotation
 
 from dvr_jax.modes.mode import PARAMETERS
@@ -158,11 +158,17 @@ def test_distances_by_parameters(evaluated, by_parameter, group: str) -> None:
 
 
 def test_capsules_and_objects(evaluated, by_joint, by_parameter) -> None:
+    """Where a capsule's axis does not enter the object, as with fixed bodies below."""
+    part = groups(evaluated)["capsule-object"]
+    radii = np.tile(evaluated.model.capsule_radii, evaluated.model.structure.number_of_arms)
+    distance = evaluated.distance[..., part] + clearances(evaluated.case)[..., part]
+    outside = distance > -np.tile(radii, evaluated.case.number_of_objects)
+    assert outside.mean() > 0.98
     for compared in (
         compare_joints(evaluated, by_joint, "capsule-object"),
         compare_parameters(evaluated, by_parameter, "capsule-object"),
     ):
-        compared.require_all()
+        compared.require_all(outside)
         assert np.abs(compared.analytic).max() > 0.1
 
 

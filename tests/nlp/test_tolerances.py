@@ -212,9 +212,9 @@ def test_both_sides_of_each_tolerance(good: Point, kind: str) -> None:
     for factor, feasible in ((0.99, True), (1.01, False)):
         violations = violate(good, kind, factor * EXPECTED[kind]).violations()
         for name, value in violations.items():
-            if kind == "sideways" and name == "turn":
-                # The joint that moves the hand aside also turns it a little.
-                assert 0 < float(value) < EXPECTED[name]
+            if kind == "sideways" and name in ("turn", "corridor"):
+                # The joint that moves the hand aside also turns it a little, and half-way it is half as far aside.
+                assert 0 <= float(value) < EXPECTED[name]
                 continue
             expected = factor * EXPECTED[name] if name == kind else 0
             assert float(value) == pytest.approx(expected, rel=1e-6, abs=1e-9)

@@ -37,7 +37,7 @@ from dvr_jax.solver.continuous_collision import (
 from dvr_jax.solver.lane_pool import NlpSolution, solve
 from dvr_jax.solver.state import Settings, SolverStatus
 
-HANDOVERS = (121, 229)
+HANDOVERS = (193, 229)
 """Of the frozen problems, two of two actions whose first path penetrates between its samples, if no clearances are
 kept."""
 

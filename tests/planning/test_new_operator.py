@@ -50,7 +50,7 @@ def test_a_box_too_wide_for_the_gripper_is_moved(lifted: Plan) -> None:
     # It hangs below a closed gripper while it is held, until the fingers open in the last second.
     layout = qpos_layout(SCENE)
     held = slice(int(lifted.motion.switch[0]), int(lifted.motion.switch[1]))
-    np.testing.assert_allclose(lifted.motion.qpos[held][:-50, layout.fingers[0]], 0.0, atol=1e-9)
+    np.testing.assert_allclose(lifted.motion.qpos[held][:-60, layout.fingers[0]], 0.0, atol=1e-9)
     assert lifted.motion.qpos[held, layout.objects[0, 2]].max() > WIDE.height / 2 + 0.03
     assert lifted.scene_after().objects[0].footprint.center == pytest.approx(
         (-0.35, -0.25), abs=0.1

@@ -319,7 +319,8 @@ def test_version_1_is_written_where_it_can_say_all() -> None:
 @pytest.mark.parametrize("workcell", WORKCELLS.values(), ids=WORKCELLS)
 def test_every_workcell_comes_back(workcell: Workcell) -> None:
     first = scene_from_json(json.dumps(RECORD))
-    scene = replace(first, workcell=workcell)
+    box, can = first.objects
+    scene = replace(first, workcell=workcell, objects=(replace(box, position=(-0.1, 0.3)), can))
     text = scene_to_json(scene)
     assert json.loads(text)["version"] == (1 if workcell == DEFAULT_WORKCELL else 2)
     assert scene_from_json(text) == scene

@@ -148,7 +148,7 @@ BESIDE_MIRROR_IMAGE = {
     "lower_elbow": 0.025,
     "forearm": 0.085,
     "wrist": 0.005,
-    "wrist_cap": 0.015,
+    "wrist_cap": 0.019,
     "flange": 0.032,
     "hand": 0.009,
 }

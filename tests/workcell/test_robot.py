@@ -69,7 +69,7 @@ def test_postures_are_within_the_limits() -> None:
         PANDA.home, [0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4]
     )
     foot = PANDA.base_foot
-    assert (foot.radius, foot.length, foot.width) == (0.085, 0.125, 0.11)
+    assert (foot.radius, foot.length, foot.width) == (0.105, 0.162, 0.21)
 
 
 def test_capsules_are_named_from_the_base_outwards() -> None:
@@ -243,10 +243,10 @@ def test_a_missing_element_is_named(element: str, read) -> None:
             "finger_speed",
             "valid are 1",
         ),
-        ('name="base_foot" data="0.085 ', 'name="base_foot" data="', "base_foot", "valid are 3"),
+        ('name="base_foot" data="0.105 ', 'name="base_foot" data="', "base_foot", "valid are 3"),
         (
-            'name="wrist_collision" class="collision" fromto="0.087 -0.0153 0.0012 0.0035 0.005 0.0066" size="0.058"',
-            'name="wrist_collision" class="collision" type="sphere" pos="0.044 0 0" size="0.058"',
+            'name="wrist_collision" class="collision" fromto="0.0876 -0.0153 0.0003 0.004 0.0032 0.006" size="0.0574"',
+            'name="wrist_collision" class="collision" type="sphere" pos="0.044 0 0" size="0.0574"',
             "capsules",
             "'wrist_collision' of the robot 'altered' is no capsule",
         ),
