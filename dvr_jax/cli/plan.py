@@ -45,6 +45,8 @@ class PlanOptions:
     """Seed of all sampling; the same seed gives the same plan."""
     time_limit: float = 300.0
     """Seconds after which the search gives up. A machine's first plan compiles for most of a minute, which counts."""
+    clearance: float = 1.0
+    """Factor of the distances that bodies keep, from 0 to 3."""
     out: Path | None = None
     """Folder for plan.json, trajectory.npz, scene.xml, film.png, depth.png and plan.gif; it is made if missing."""
     animation: bool = True
@@ -80,6 +82,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         options.time_limit,
         progress=_report_progress,
         network=network,
+        clearance=options.clearance,
     )
     _print_plan(result, options)
 

@@ -74,6 +74,33 @@ def require_integer(name: str, value: object, least: int) -> int:
     return number
 
 
+def require_number(name: str, value: object) -> float:
+    """Return a value that is a number.
+
+    Args:
+        name: What the number is, as in "the clearance".
+        value: Value to check.
+
+    Returns:
+        The number as a Python float.
+
+    Raises:
+        OptionError: The value is no number.
+    """
+    return _as_float(name, value, "valid is a number")
+
+
+def _as_float(name: str, value: object, valid: str) -> float:
+    """Return a value as a Python float, or refuse it with a sentence that says what is valid."""
+    if isinstance(value, (bool, str, bytes)) or not hasattr(value, "__float__"):
+        raise OptionError(f"{name} is {describe_value(value)}; {valid}.")
+
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        raise OptionError(f"{name} is {describe_value(value)}; {valid}.") from None
+
+
 def require_positive(name: str, value: object, unit: str) -> float:
     """Return a value that is a positive number; infinity is one.
 
@@ -90,14 +117,7 @@ def require_positive(name: str, value: object, unit: str) -> float:
     """
     valid = "valid is a positive number"
 
-    if isinstance(value, (bool, str, bytes)) or not hasattr(value, "__float__"):
-        raise OptionError(f"{name} is {describe_value(value)}; {valid}.")
-
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        raise OptionError(f"{name} is {describe_value(value)}; {valid}.") from None
-
+    number = _as_float(name, value, valid)
     if math.isnan(number) or number <= 0:
         raise OptionError(f"{name} is {number} {unit}; {valid}.")
 

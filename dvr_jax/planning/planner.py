@@ -11,13 +11,19 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import jax
 
 from dvr_jax.checker import CHECKS, CheckReport, OperatorCheck, check_motion
 from dvr_jax.motion.motion import Motion
 from dvr_jax.operators import OPERATORS, Operator
-from dvr_jax.planning.arguments import require_integer, require_positive, require_scene
+from dvr_jax.planning.arguments import (
+    require_integer,
+    require_number,
+    require_positive,
+    require_scene,
+)
 from dvr_jax.planning.feasibility import motion_of
 from dvr_jax.planning.networks import choose_search
 from dvr_jax.planning.result import Plan
@@ -43,6 +49,7 @@ def plan(
     network: SequencePredictor[Images, Encoding] | None = None,
     operators: Sequence[Operator] = OPERATORS,
     checks: Sequence[OperatorCheck] = CHECKS,
+    clearance: float = 1.0,
 ) -> Plan:
     """Find a sequence of actions that solves a scene, and a motion that carries it out and passes the check.
 
@@ -60,6 +67,7 @@ def plan(
             network was trained in another workcell or for other operators, the search "mbts" is used instead.
         operators: Operators that the plan may consist of.
         checks: The operators' counterparts in the independent check, one for each operator.
+        clearance: Factor of the workcell's clearances, from 0 to 3.
 
     Returns:
         The plan. Its status says whether a motion was found, and if not, why the search ended.
@@ -75,15 +83,18 @@ def plan(
     say = progress or _say_nothing
     search, chosen_network = choose_search(search, network, scene, operators, say)
 
+    clearance = require_number("the clearance", clearance)
+    clearances = scene.workcell.clearances.scaled(clearance)
+    planned = replace(scene, workcell=replace(scene.workcell, clearances=clearances))
     begin = time.monotonic()
 
     # The tree refuses a scene whose arms collide at home, before anything is compiled for it.
-    tree = SequenceTree(scene, k_max, seed, deadline=begin + time_limit, operators=operators)
-    acceptance = _Acceptance(scene, say, checks)
+    tree = SequenceTree(planned, k_max, seed, deadline=begin + time_limit, operators=operators)
+    acceptance = _Acceptance(planned, say, checks)
 
     # Tolerances of a micrometer need double precision. It is switched on here and not on import, because the import of
     # a package must not change the programs of others.
-    with jax.enable_x64(True), warming_up(scene, k_max, chosen_network, operators):
+    with jax.enable_x64(True), warming_up(planned, k_max, chosen_network, operators):
         outcome = run_search(search, tree, acceptance.accept, acceptance.progress, chosen_network)
 
     options: dict[str, object] = {
@@ -92,8 +103,10 @@ def plan(
         "seed": seed,
         "network": None if chosen_network is None else chosen_network.checksum,
         "time_limit": time_limit if math.isfinite(time_limit) else None,
+        "clearance": clearance,
     }
-    return _make_plan(tree, outcome, acceptance, options, total_seconds=time.monotonic() - begin)
+    found = _make_plan(tree, outcome, acceptance, options, total_seconds=time.monotonic() - begin)
+    return replace(found, scene=scene)
 
 
 class _Acceptance:

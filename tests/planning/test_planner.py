@@ -9,8 +9,10 @@ import pytest
 
 from dvr_jax.errors import DvrError
 from dvr_jax.planning.planner import Plan, plan
+from dvr_jax.scene.layout import qpos_layout
 from dvr_jax.scene.types import OnRegion, Region, Scene, SceneObject
 from dvr_jax.search.status import PlanStatus
+from dvr_jax.solver.continuous_collision import BETWEEN_TOLERANCE
 from dvr_jax.workcell.workcell import DEFAULT_WORKCELL
 
 REGION = Region((-0.35, -0.25), 0.2, (0.2, 0.2))
@@ -62,6 +64,9 @@ def test_what_no_arm_reaches_exhausts_the_tree(search: str) -> None:
             "'mbts' takes no network; valid with one: dvr, classifier",
         ),
         ({"time_limit": 0.0}, "the time limit is 0.0 s"),
+        ({"clearance": 3.5}, "the clearance is 3.5; valid is 0 to 3"),
+        ({"clearance": math.nan}, "the clearance is nan; valid is 0 to 3"),
+        ({"clearance": "wide"}, "the clearance is the text 'wide'; valid is a number"),
     ],
 )
 def test_requests_that_make_no_sense_are_refused(options: dict[str, Any], message: str) -> None:
@@ -97,3 +102,18 @@ def test_the_deadline_is_kept() -> None:
     result = plan(one_box(-0.4, 0.3), "mbts", k_max=3, time_limit=1e-6)
     assert result.status == "time limit"
     assert math.isclose(sum(result.nlps.values()), 0)
+
+
+@pytest.mark.parametrize("factor", [1.0, 2.0])
+def test_held_objects_are_carried_as_high_as_the_clearance_says(factor: float) -> None:
+    """The clearance of 1 cm is kept up to its tolerance, from half a second after the grasp to half a second before the
+    placement."""
+    scene = one_box(-0.4, 0.3)
+    found = plan(scene, "mbts", k_max=2, clearance=factor)
+    assert found.motion is not None and found.scene == scene
+    assert found.options["clearance"] == factor
+    grasped, placed = found.motion.switch.tolist()
+    margin = round(0.5 / found.motion.step)
+    height = found.motion.qpos[:, qpos_layout(scene).objects[0, 2]] - scene.objects[0].height / 2
+    carried = height[grasped + margin : placed - 2 * margin]
+    assert len(carried) > 10 and carried.min() > 0.01 * factor - BETWEEN_TOLERANCE

@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from dvr_jax.geometry.arrays import Array
 from dvr_jax.geometry.vectors import (
@@ -123,73 +123,91 @@ def near_and_far(phases: int, steps: int) -> tuple[np.ndarray, np.ndarray]:
     return near, far
 
 
-def straight_motions(given: EvaluationInput) -> StraightMotions:
-    """Compute points of all straight motions and their derivatives."""
-    problems = given.problems
-    T, D = given.x.q.shape[1:]
-    K = given.x.m.shape[1]
-    M = problems.sample_fraction.shape[2]
-    A = given.hands.position.shape[1]
+class _MotionSamples(NamedTuple):
+    """Which samples of a problem belong to its straight motions."""
 
-    # Samples of the near slices (K, 2), and of the points: those of the interval that lies between both slices, in
-    # which the far end takes the place of the last sample.
-    near, far = near_and_far(K, T // K)
+    start: Int[np.ndarray, "phases 2 points"]
+    """Sample of the near slice."""
+
+    point: Int[np.ndarray, "phases 2 points"]
+    """Sample of each point; the last one is that of the far slice."""
+
+    share: Float[Array, "batch phases 2 points"]
+    """The part of a point's motion that is due to the far slice; the rest is due to the near one."""
+
+
+def _motion_samples(problems: Problem, phases: int) -> _MotionSamples:
+    """Return the samples of all straight motions of B problems."""
+    fraction = jnp.asarray(problems.sample_fraction)
+    T, M = fraction.shape[1:]
+    near, far = near_and_far(phases, T // phases)
+
+    # The points are the samples of the interval that lies between both slices, in which the far end takes the place of
+    # the last sample.
     later = np.maximum(near, far)
     point = later[..., None] * M + np.arange(M)
     point[..., -1] = far * M + M - 1
     start = np.broadcast_to(near[..., None] * M + M - 1, point.shape)
 
-    # The part of a point's motion that is due to the far slice.
-    of_later = jnp.asarray(problems.sample_fraction)[:, later]
+    of_later = fraction[:, later]
     is_far_later = (far > near)[..., None]
     share = jnp.where(is_far_later, of_later, 1 - of_later).at[..., -1].set(1)
+    return _MotionSamples(start, point, share)
 
-    own = problems.straight_arm[..., None] == jnp.arange(A)
+
+def straight_motions(given: EvaluationInput) -> StraightMotions:
+    """Compute points of all straight motions and their derivatives."""
+    K = given.x.m.shape[1]
+    D = given.x.q.shape[2]
+    A = given.hands.position.shape[1]
+    samples = _motion_samples(given.problems, K)
+    own = given.problems.straight_arm[..., None] == jnp.arange(A)
     own = jnp.asarray(own, given.x.q.dtype).transpose(3, 0, 1, 2)[..., None]
 
-    def at_points(value: Array, index: np.ndarray) -> Array:
+    def at(value: Array, index: np.ndarray) -> Array:
         """Take the arm that moves at samples: (..., A, B, T M) to (..., B, K, 2, M)."""
         return materialize((value[..., index] * own).sum(-5))
 
-    R_n = at_points(given.hands.rotation, start)
-    R_p = at_points(given.hands.rotation, point)
-    p_n = at_points(given.hands.position, start)
-    p_p = at_points(given.hands.position, point)
-    apart = materialize(p_p - p_n)
+    # Poses of the hand at the near slice and at the points.
+    R_n = at(given.hands.rotation, samples.start)
+    R_p = at(given.hands.rotation, samples.point)
+    p_p = at(given.hands.position, samples.point)
+    apart = materialize(p_p - at(given.hands.position, samples.start))
     difference = materialize(compose(R_p, transpose(R_n)))
     w, e = materialize(half_rotation_vector(difference))
-
-    # Twists of the joints (6, D, B, K, 2, M); those of other arms than the one that moves are zero.
-    moves = jnp.repeat(own, D // A, axis=0)
-    screws_n, screws_p = materialize(
-        (given.screws[..., start] * moves, given.screws[..., point] * moves)
-    )
-    turn_n = screws_n[:3]
-    turn_p = screws_p[:3]
-    v_n = screws_n[3:] + cross(turn_n, p_p[:, None])
-    v_p = screws_p[3:] + cross(turn_p, p_p[:, None])
-    v_n, v_p = materialize((v_n, v_p))
-
     offset = jnp.concatenate([jnp.stack([dot(R_n[i], apart) for i in range(3)]), 2 * e])
-    by_start = jnp.concatenate(
-        [
-            jnp.stack([-dot(R_n[i][:, None], v_n) for i in range(3)]),
-            cross(turn_n, e[:, None]) - w * turn_n,
-        ]
-    )
-    by_point = jnp.concatenate(
-        [
-            jnp.stack([dot(R_n[i][:, None], v_p) for i in range(3)]),
-            cross(turn_p, e[:, None]) + w * turn_p,
-        ]
-    )
+
+    # Derivatives by the joints (6, D, B, K, 2, M); those of other arms than the one that moves are zero.
+    moves = jnp.repeat(own, D // A, axis=0)
+    by_start = -_offset_changes(given.screws[..., samples.start] * moves, R_n, p_p, w, -e)
+    by_point = _offset_changes(given.screws[..., samples.point] * moves, R_n, p_p, w, e)
     by_start, by_point = materialize((by_start, by_point))
+    share = samples.share
     return StraightMotions(
         offset=jnp.moveaxis(offset, 0, -1),
         angle=rotation_angle(difference),
         by_near=jnp.moveaxis(by_start + (1 - share) * by_point, (0, 1), (-2, -1)),
         by_far=jnp.moveaxis(share * by_point, (0, 1), (-2, -1)),
     )
+
+
+def _offset_changes(screws: Array, R: Array, p: Array, w: Array, e: Array) -> Array:
+    """Return ``a . v(p)`` for the three axes a of R, and ``w omega + omega x e``, for the twists of joints.
+
+    Args:
+        screws: Twists of the joints (6, D, ...).
+        R: Axes (3, 3, ...).
+        p: Point whose velocity is taken (3, ...) [m].
+        w: Scalar part of a quaternion (...).
+        e: Its vector part (3, ...).
+
+    Returns:
+        The changes (6, D, ...).
+    """
+    turn = screws[:3]
+    velocity = materialize(screws[3:] + cross(turn, p[:, None]))
+    along = jnp.stack([dot(R[i][:, None], velocity) for i in range(3)])
+    return jnp.concatenate([along, w * turn + cross(turn, e[:, None])])
 
 
 def _line_shape(horizon: Horizon) -> tuple[int, ...]:
