@@ -40,7 +40,7 @@ GRID_POINTS = 200
 SHORTEST_PATH = 1e-4
 """A path that is shorter than this is none [s]; the unit is that of joint angles over joint velocities."""
 
-SMALLEST_STEP = 2e-3
+SMALLEST_STEP = 1e-4
 """Points of a path that are nearer to each other than this fraction of its length are left out."""
 
 TORQUE_STEP = 5
@@ -175,7 +175,9 @@ def _fastest_parameter(
     # Imported here, because toppra takes a second that other uses of a motion need not wait for.
     from dvr_jax.motion.path_parameter import PathLimits, fastest_speeds
 
-    grid = np.linspace(path.x[0], path.x[-1], GRID_POINTS + 1)
+    # The points of a path are near to each other where it turns sharply, and so are those of the grid.
+    numbers = np.arange(len(path.x))
+    grid = np.interp(np.linspace(0, numbers[-1], GRID_POINTS + 1), numbers, path.x)
     slope = path(grid, 1)
     bend = path(grid, 2)
     by_velocity = (limits.velocity / np.maximum(np.abs(slope), 1e-9)).min(axis=1)
