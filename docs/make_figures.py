@@ -29,6 +29,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyBboxPatch, Polygon
 
 import dvr_jax as dvr
+from dvr_jax.checker.tolerances import DEEPEST_CONTACT, DEEPEST_GRIP
 from dvr_jax.drawing.animation import save_animation
 from dvr_jax.model.images import depth_images
 from dvr_jax.scene.camera import render_depth
@@ -300,8 +301,10 @@ def make_check() -> None:
     )
     top.fill_between(result.motion.time, depths, color=LINE, alpha=0.35, linewidth=0)
     top.plot(result.motion.time, depths, color=LINE, linewidth=1)
-    top.axhline(3.0, color=GOAL, linewidth=1.2)
-    top.text(0.2, 3.08, "limit of the check", color=GOAL, va="bottom", fontsize=9)
+    for limit, pair in ((DEEPEST_GRIP, "a hand and its object"), (DEEPEST_CONTACT, "all others")):
+        height = 1e3 * limit
+        top.axhline(height, color=GOAL, linewidth=1.2)
+        top.text(0.2, height + 0.03, f"limit for {pair}", color=GOAL, va="bottom", fontsize=9)
     top.set(ylabel="deepest contact [mm]", ylim=(0, 3.8))
 
     arms = ("right", "left")
