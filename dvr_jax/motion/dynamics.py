@@ -1,4 +1,7 @@
-"""Inverse dynamics of an arm with a load in its gripper, by MuJoCo's recursive Newton-Euler algorithm."""
+"""Inverse dynamics of an arm with a load in its gripper, by MuJoCo's recursive Newton-Euler algorithm.
+
+The load is a point mass at the gripper center. Friction in the joints and the inertia of the drives are not included.
+"""
 
 from __future__ import annotations
 
@@ -34,8 +37,6 @@ class ArmDynamics:
         self._data = mujoco.MjData(self._model)
         self._joints = robot.number_of_joints
         self._load = self._model.body(LOAD).id
-
-        # Friction and the inertia of the drives are no part of the torque limits of the links.
         self._result = np.zeros(self._model.nv)
 
     def torques(

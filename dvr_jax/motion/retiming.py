@@ -9,7 +9,8 @@ parameterization based on reachability analysis", IEEE Transactions on Robotics 
 the fastest s(t). Its acceleration jumps. The limits of the jerk are so high compared with those of the acceleration
 (500 times as much in each second) that it is enough to round these jumps: s(t) is averaged over a window of
 `SMOOTHING`, twice. This keeps the path. The motion is then sampled, and what lies between the samples is the cubic
-spline through them (`dvr_jax.motion.motion`). If this spline exceeds a limit, the motion is slowed down as a whole.
+spline through them (`dvr_jax.motion.interpolation`). If this spline exceeds a limit, the motion is slowed down as a
+whole.
 """
 
 from __future__ import annotations
@@ -45,6 +46,9 @@ SMALLEST_STEP = 1e-4
 
 TORQUE_STEP = 5
 """Torques are computed at every so many-th point of the grid; it divides `GRID_POINTS`."""
+
+SLOWDOWNS = 20
+"""Largest number of times that a motion is slowed down."""
 
 LARGEST_TORQUE = 1e6
 """Torque that stands for no limit [N m]."""
@@ -96,7 +100,8 @@ def time_optimal(
 
     Returns:
         Joint angles at times that are `TIME_STEP` apart [rad], the first and the last of them at the ends of the path;
-        a single sample where nothing moves.
+        a single sample where nothing moves. They exceed a limit of torque only where an arm is too weak to hold its
+        load still, which no timing can mend.
     """
     steps = np.linalg.norm(np.diff(points, axis=0) / limits.velocity, axis=1)
     length = np.concatenate([[0.0], np.cumsum(steps)])
@@ -112,7 +117,7 @@ def time_optimal(
 
     parameter = _smoothed(_fastest_parameter(path, limits, torques, largest_speeds))
     factor = 1.0
-    for _ in range(20):
+    for _ in range(SLOWDOWNS):
         samples = path(_resampled(parameter, factor))
         excess = _excess(samples, limits, torques)
         if excess <= 1:

@@ -74,13 +74,15 @@ def body_clearances(
             # The hand that releases the object leaves it from as near.
             room = _grip_clearance(scene, item, _closing_yaw(switches[:k], item))
             hands[k + 1, PhasePart.START, old.parent, item] = room
-
         else:
             # An object that stood before its grasp may be near its support right after it.
             lift[k + 1, PhasePart.START, item] = 0
 
-    pairs = np.broadcast_to(_pair_clearances(scene), (*lift.shape[:2], _number_of_pairs(scene)))
-    return np.concatenate([hands.reshape(*lift.shape[:2], -1), lift, pairs], axis=2)
+    # Pairs of bodies keep the same clearance in all parts.
+    parts = lift.shape[:2]
+    pairs = _pair_clearances(scene)
+    of_pairs = np.broadcast_to(pairs, (*parts, len(pairs)))
+    return np.concatenate([hands.reshape(*parts, -1), lift, of_pairs], axis=2)
 
 
 def _closing_yaw(switches: Sequence[ModeSwitch], item: int) -> float:
@@ -91,7 +93,8 @@ def _closing_yaw(switches: Sequence[ModeSwitch], item: int) -> float:
 def _grip_clearance(scene: Scene, item: int, closing_yaw: float) -> float:
     """Return the clearance of a hand from an object that it grasps or releases; negative only by the pads' overhang."""
     robot = scene.workcell.robot
-    hx, hy, _, radius = scene.objects[item].kind.prism(scene.objects[item].size)
+    body = scene.objects[item]
+    hx, hy, _, radius = body.kind.prism(body.size)
     half_width = abs(np.cos(closing_yaw)) * hx + abs(np.sin(closing_yaw)) * hy + radius
     room = robot.maximum_opening / 2 - half_width - robot.pad_overhang - GRIP_ROOM
     return float(np.clip(room, -robot.pad_overhang, scene.workcell.clearances.hand_to_object))
@@ -105,11 +108,6 @@ def _pair_clearances(scene: Scene) -> Float[np.ndarray, " pairs"]:
     ]
     wanted = scene.workcell.clearances.object_to_object
     return np.array([np.clip(_distance(*pair), 0, wanted) for pair in pairs])
-
-
-def _number_of_pairs(scene: Scene) -> int:
-    number = len(scene.objects)
-    return number * (number - 1) // 2 + number * len(scene.fixed)
 
 
 def _distance(item: SceneObject, other: SceneObject | FixedBody) -> float:

@@ -79,7 +79,7 @@ class Problem(NamedTuple):
     """Index of the arm that carries out action k."""
 
     arm_at_rest: Float[Array, "*batch phases arms"]
-    """1 for each arm that rests at switch k, else 0: arms that take part, and in a path all of them at its end."""
+    """1 for each arm that rests at switch k, else 0: in keyframes the arms that take part, in a path all of them."""
 
     straight_arm: Int[Array, "*batch phases 2"]
     """Arm of each straight motion of a path: one that leaves the last switch, and one that comes to the next one."""

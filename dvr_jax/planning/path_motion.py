@@ -17,21 +17,19 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.spatial.transform import Rotation
 
-from dvr_jax.modes import fixed, held, placed
 from dvr_jax.modes.mode import ModeKind
 from dvr_jax.motion.dynamics import arm_dynamics
 from dvr_jax.motion.joint_curve import joint_curve
 from dvr_jax.motion.motion import Motion, make_motion
 from dvr_jax.motion.retiming import TIME_STEP, MotionLimits, Torques, time_optimal
 from dvr_jax.nlp.problem import Problem
+from dvr_jax.planning.carried_objects import carry_objects, gripper_frames
 from dvr_jax.planning.retreat import RETREAT_STEPS, retreat
 from dvr_jax.scene.layout import home_qpos, qpos_layout
-from dvr_jax.scene.mjcf import OBJECT_DENSITY, build_model
+from dvr_jax.scene.mjcf import OBJECT_DENSITY
 from dvr_jax.scene.types import Scene
 from dvr_jax.solver.continuous_collision import straight_intervals
 from dvr_jax.workcell.model import workcell_model
@@ -112,7 +110,7 @@ def interpolate(
     qpos = np.zeros((len(joints), layout.size))
     qpos[:, layout.arm_joints.reshape(-1)] = joints
     qpos[:, layout.fingers.reshape(-1)] = np.repeat(fingers, 2, axis=1)
-    _carry_objects(scene, problem, m, phase, qpos)
+    carry_objects(scene, problem, m, phase, qpos)
     return make_motion(
         TIME_STEP * np.arange(len(qpos)), qpos, np.searchsorted(phase, np.arange(1, K + 1))
     )
@@ -158,8 +156,9 @@ def _torques(scene: Scene, problem: Problem, phase: int) -> Torques:
     loads = np.zeros(scene.workcell.number_of_arms)
     for item, body in enumerate(scene.objects):
         if int(problem.mode_kind[phase, item]) == ModeKind.HELD:
-            hx, hy, hz, _ = 2 * np.array([*body.half_extents, 0.0])
-            loads[int(problem.mode_parent[phase, item])] += OBJECT_DENSITY * hx * hy * hz
+            # A cylinder counts as the box around it, which is heavier.
+            volume = float(np.prod(2 * np.array(body.half_extents)))
+            loads[int(problem.mode_parent[phase, item])] += OBJECT_DENSITY * volume
 
     def torques(q: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
         """Torques of all arms [N m]."""
@@ -205,7 +204,7 @@ def _hand_travels(
     layout = qpos_layout(scene)
     qpos = np.tile(home_qpos(scene), (len(points), 1))
     qpos[:, layout.arm_joints.reshape(-1)] = points
-    positions, _ = _gripper_frames(scene, qpos)
+    positions, _ = gripper_frames(scene, qpos)
     return np.asarray(np.linalg.norm(np.diff(positions, axis=0), axis=2))
 
 
@@ -284,98 +283,3 @@ def _retreat_part(
     times = np.full(len(away), distance / RETREAT_STEPS / STRAIGHT_SPEED)
     moving = time_optimal(points, limits, _torques(scene, problem, K), times)[1:]
     return [_moving_part(moving, np.asarray(problem.finger_opening)[-1], K)]
-
-
-def _carry_objects(
-    scene: Scene,
-    problem: Problem,
-    m: Float[np.ndarray, "actions parameters"],
-    phase: Int[np.ndarray, " samples"],
-    qpos: Float[np.ndarray, "samples states"],
-) -> None:
-    """Write the poses of the objects into `qpos`, in which joints and fingers have been written already."""
-    columns = qpos_layout(scene).objects
-    hand_position, hand_rotation = _gripper_frames(scene, qpos)
-
-    for k in np.unique(phase):
-        samples = phase == k
-        for n, indices in enumerate(columns):
-            position, rotation = _object_pose(
-                problem,
-                m,
-                int(k),
-                n,
-                hand_position[samples],
-                hand_rotation[samples],
-            )
-            qpos[np.ix_(samples, indices[:3])] = position
-            qpos[np.ix_(samples, indices[3:])] = rotation.as_quat(scalar_first=True)
-
-    _align_quaternion_signs(qpos, columns[:, 3:])
-
-
-def _gripper_frames(
-    scene: Scene,
-    qpos: Float[np.ndarray, "samples states"],
-) -> tuple[Float[np.ndarray, "samples arms 3"], Float[np.ndarray, "samples arms 9"]]:
-    """Return positions [m] and row-major rotation matrices of the arms' gripper centers in the world."""
-    model = build_model(scene)
-    data = mujoco.MjData(model)
-    sites = [model.site(f"{arm}/gripper").id for arm in scene.workcell.arm_names]
-
-    # MuJoCo reuses the same arrays for every sample, so the attributes are looked up only once.
-    state = data.qpos
-    site_positions = data.site_xpos
-    site_rotations = data.site_xmat
-
-    positions = np.empty((len(qpos), *site_positions.shape))
-    rotations = np.empty((len(qpos), *site_rotations.shape))
-    for sample, values in enumerate(qpos):
-        state[:] = values
-        mujoco.mj_kinematics(model, data)
-        positions[sample] = site_positions
-        rotations[sample] = site_rotations
-
-    return positions[:, sites], rotations[:, sites]
-
-
-def _object_pose(
-    problem: Problem,
-    m: Float[np.ndarray, "actions parameters"],
-    phase: int,
-    item: int,
-    hand_position: Float[np.ndarray, "samples arms 3"],
-    hand_rotation: Float[np.ndarray, "samples arms 9"],
-) -> tuple[Float[np.ndarray, "..."], Rotation]:
-    """Return position [m] and rotation of an object at the samples of one phase; a standing object has one pose."""
-    kind = int(problem.mode_kind[phase, item])
-    action = int(problem.mode_action[phase, item])
-    if kind == ModeKind.HELD:
-        arm = int(problem.mode_parent[phase, item])
-        R_world_hand = hand_rotation[:, arm].reshape(-1, 3, 3)
-        rotation, position = held.pose_on_host(
-            m[action],
-            float(problem.closing_yaw[action]),
-            R_world_hand,
-            hand_position[:, arm],
-        )
-    elif kind == ModeKind.PLACED:
-        half_height = float(np.asarray(problem.prism)[item, 2])
-        rotation, position = placed.pose_on_host(m[action], half_height)
-    else:
-        rotation, position = fixed.pose_on_host(np.asarray(problem.initial_pose)[item])
-    return position, rotation
-
-
-def _align_quaternion_signs(
-    qpos: Float[np.ndarray, "samples states"],
-    columns: Int[np.ndarray, "objects 4"],
-) -> None:
-    """Give neighboring quaternions of each object the same sign, in place.
-
-    Both signs describe the same rotation, but programs that interpolate between two samples need equal signs.
-    """
-    for indices in columns:
-        flips = np.sum(qpos[1:, indices] * qpos[:-1, indices], axis=1) < 0
-        signs = np.where(np.cumsum(flips) % 2, -1.0, 1.0)
-        qpos[1:, indices] *= signs[:, None]

@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from dvr_jax.geometry.arrays import Array
 from dvr_jax.modes.mode import ModeKind
+from dvr_jax.nlp.blocks.collision import PENETRATION_TOLERANCE
 from dvr_jax.nlp.body_clearances import PhasePart
 from dvr_jax.nlp.problem import Problem, Variables
 from dvr_jax.runtime.batch_sizes import batch_sizes
@@ -19,9 +20,6 @@ from dvr_jax.workcell.model import WorkcellModel
 
 RETREAT_STEPS = 10
 """Number of equal parts of the longest retreat; the longest of these retreats that is free is taken."""
-
-PENETRATION = 1e-3
-"""By how much a retreat may fall short of the clearances, the tolerance of the path NLP [m]."""
 
 
 def retreat(
@@ -65,7 +63,9 @@ def retreat(
 
     # An arm without a solution stays where it is.
     moves = np.abs(shifted[:RETREAT_STEPS] - posture[arm]).max(axis=1) > 0
-    free = _distances(model, problem, postures.reshape(RETREAT_STEPS, -1), m) >= -PENETRATION
+    free = (
+        _distances(model, problem, postures.reshape(RETREAT_STEPS, -1), m) >= -PENETRATION_TOLERANCE
+    )
     blocked = np.flatnonzero(~(free & moves))
     return postures.reshape(RETREAT_STEPS, -1)[: blocked[0] if len(blocked) else RETREAT_STEPS]
 

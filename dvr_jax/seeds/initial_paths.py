@@ -24,8 +24,9 @@ NEAR_WEIGHT = 0.3
 FAR_WEIGHT = 1e-2
 """Weight of the squared distance from the start elsewhere [1/rad^2]."""
 
-CLEARANCE = 0.055
-"""Distance of a gripper's clear pose (shortly before or after a switch) from its pose at the switch [m]."""
+CLEAR_DISTANCE = 0.055
+"""Distance of a gripper's clear pose (shortly before or after a switch) from its pose at the switch [m]. It is a little
+longer than the straight motion that the path NLP asks for by default."""
 
 STEPS_PER_PHASE = 10
 """Number of slices of a path in each phase."""
@@ -102,9 +103,9 @@ def initial_path(model: WorkcellModel, problem: Problem, keyframes: Variables) -
 def path_problem(problem: Problem, start: Variables, samples: int = PATH_SAMPLES) -> Problem:
     """Return the path NLP of a sequence, given its keyframe NLP and an initial path.
 
-    The cost pulls the path to its start, and more strongly close to a switch for the arms that take part in it. Without
-    this term the shortest motion approaches a grasp sideways and sweeps through the object. All arms rest at the end.
-    Distances are evaluated on the interpolated motion through the start.
+    The cost pulls the path to its start, and more strongly close to a switch for the arms that take part in it. All
+    arms rest at every switch, and the clearances are those of each part of a phase. Distances are evaluated on the
+    interpolated motion through the start.
 
     Args:
         problem: Keyframe NLP.
@@ -188,7 +189,7 @@ def _clear_postures(
     for lane, pose in enumerate(wanted):
         angles[lane] = coming[pose.phase, pose.arm]
         is_up[lane] = pose.is_up
-    shifted = np.asarray(shift_gripper(model, angles, is_up, np.full(lanes, CLEARANCE)))
+    shifted = np.asarray(shift_gripper(model, angles, is_up, np.full(lanes, CLEAR_DISTANCE)))
 
     for lane, pose in enumerate(wanted):
         target = coming if pose.is_before else going

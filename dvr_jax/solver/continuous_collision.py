@@ -26,7 +26,7 @@ PATH_SAMPLES = 3
 samples at the slices alone, a finger may pass through an object's edge between two slices."""
 
 SAMPLES_PER_SLICE = 10
-"""Number R of equal parts into which an interval is divided when the motion is examined, and rate of final motions."""
+"""Number R of equal parts into which an interval is divided when the motion is examined."""
 
 BETWEEN_TOLERANCE = 2.5e-3
 """Largest shortfall of a clearance between samples [m]; most clearances are larger, so that bodies do not touch."""

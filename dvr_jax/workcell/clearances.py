@@ -2,8 +2,8 @@
 
 A motion that is free of collisions in the model can still touch something when it is executed: servos lag, objects do
 not stand exactly where the camera saw them, and shapes are known to a millimetre at best. The planner therefore asks
-for a distance of its own for each kind of pair. The values follow Driess, Ha and Toussaint's setting of open-loop
-execution; how many executed plans succeed with them is measured by ``python -m dvr_jax.bench execute``.
+for a distance of its own for each kind of pair. The values were found by trial: ``python -m dvr_jax.bench execute``
+measures how many executed plans succeed with them.
 
 Where a scene leaves less room than a clearance, the clearance shrinks:
 

@@ -17,7 +17,7 @@ from dvr_jax.checker.replay import check_motion
 from dvr_jax.checker.tolerances import DEEPEST_CONTACT
 from dvr_jax.motion.joint_curve import joint_curve
 from dvr_jax.nlp.blocks.rest import REST_TOLERANCE
-from dvr_jax.planning import path_motion
+from dvr_jax.planning.carried_objects import carry_objects
 from dvr_jax.planning.path_motion import interpolate
 from dvr_jax.runtime import batch_sizes
 from dvr_jax.scene.layout import qpos_layout
@@ -65,7 +65,7 @@ def states_at(scene: Scene, node: Node, path: NlpSolution, times: np.ndarray) ->
     qpos = np.zeros((len(times), layout.size))
     qpos[:, layout.arm_joints.reshape(-1)] = curve(times)
     qpos[:, layout.fingers.reshape(-1)] = np.repeat(opening, 2, axis=1)
-    path_motion._carry_objects(scene, problem, path.m, phase, qpos)
+    carry_objects(scene, problem, path.m, phase, qpos)
     return qpos
 
 

@@ -1,0 +1,118 @@
+"""Motions of planned scenes at 1 kHz, by MuJoCo: limits, rest at switches, straight approaches, the last retreat."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dvr_jax import sample_scenes
+from dvr_jax.motion.dynamics import arm_dynamics
+from dvr_jax.motion.interpolation import spline_of
+from dvr_jax.motion.motion import Motion
+from dvr_jax.planning.planner import plan
+from dvr_jax.planning.result import Plan
+from dvr_jax.scene.layout import qpos_layout
+from dvr_jax.scene.mjcf import build_model
+
+Floats = NDArray[np.float64]
+
+SCENES = (0, 1, 3)
+"""Scenes of seed 12 that have a solution."""
+
+SIDEWAYS = 4e-3
+"""Largest distance of a hand from its approach axis in the last 5 cm [m]: the tolerances of both blocks together."""
+
+
+@dataclass(frozen=True)
+class Solved:
+    """A plan with its motion at 1 kHz."""
+
+    plan: Plan
+    motion: Motion
+
+    def joints(self, arm: int, derivative: int) -> Floats:
+        """Joint angles of an arm, or their derivatives, at 1 kHz."""
+        given = self.plan.motion
+        assert given is not None
+        time = np.minimum(self.motion.time, given.time[-1])
+        return spline_of(given)(time, derivative)[:, qpos_layout(self.plan.scene).arm_joints[arm]]
+
+    def gripper(self, arm: int, samples: range) -> tuple[Floats, Floats]:
+        """Positions [m] and approach axes of a gripper at samples of 1 kHz."""
+        model = build_model(self.plan.scene)
+        data = mujoco.MjData(model)
+        name = f"{self.plan.scene.workcell.arm_names[arm]}/gripper"
+        positions = []
+        axes = []
+        for sample in samples:
+            data.qpos[:] = self.motion.qpos[sample]
+            mujoco.mj_kinematics(model, data)
+            positions.append(data.site(name).xpos.copy())
+            axes.append(data.site(name).xmat.reshape(3, 3)[:, 2].copy())
+        return np.array(positions), np.array(axes)
+
+
+@pytest.fixture(scope="module", params=SCENES)
+def solved(request: pytest.FixtureRequest) -> Solved:
+    scene = list(sample_scenes(max(SCENES) + 1, objects=2, seed=12))[request.param]
+    found = plan(scene, "mbts")
+    assert found.motion is not None
+    return Solved(found, found.motion.sample(1000.0))
+
+
+def test_limits_of_joints_and_fingers(solved: Solved) -> None:
+    scene = solved.plan.scene
+    robot = scene.workcell.robot
+    for arm in range(scene.workcell.number_of_arms):
+        q, velocity, acceleration, jerk = (solved.joints(arm, order) for order in range(4))
+        assert (np.abs(velocity) <= robot.joint_velocity).all()
+        assert (np.abs(acceleration) <= robot.joint_acceleration).all()
+        assert (np.abs(jerk) <= robot.joint_jerk).all()
+        # Of the arm without a load, which is in one of both hands only for a part of the motion.
+        torque = arm_dynamics(robot).torques(q[::10], velocity[::10], acceleration[::10], 0.0)
+        assert (np.abs(torque) <= robot.joint_torque).all()
+        fingers = solved.motion.qpos[:, qpos_layout(scene).fingers[arm]]
+        assert np.abs(np.diff(fingers, axis=0)).max() <= 1e-3 * robot.finger_speed
+
+
+def test_all_arms_rest_at_every_switch(solved: Solved) -> None:
+    for arm in range(2):
+        velocity = solved.joints(arm, 1)[solved.motion.switch]
+        acceleration = solved.joints(arm, 2)[solved.motion.switch]
+        assert np.abs(velocity).max() < 1e-2 and np.abs(acceleration).max() < 1.0
+
+
+def test_hands_come_to_their_grasps_straight(solved: Solved) -> None:
+    """Seen from the grasp: while the hand is nearer than 4 cm along its axis, it is near this axis."""
+    scene = solved.plan.scene
+    grasps = 0
+    for action, switch in zip(solved.plan.actions, solved.motion.switch.tolist(), strict=True):
+        if action.operator != "grasp":
+            continue
+        arm = scene.workcell.arm_index(action.arguments[0])
+        position, axis = solved.gripper(arm, range(max(switch - 2000, 0), switch + 1))
+        offset = position - position[-1]
+        along = -offset @ axis[-1]
+        aside = np.linalg.norm(offset + along[:, None] * axis[-1], axis=1)
+        far = np.flatnonzero(along > 0.04)
+        assert len(far)
+        assert aside[far[-1] :].max() < SIDEWAYS
+        grasps += 1
+    assert grasps
+
+
+def test_the_last_hand_retreats(solved: Solved) -> None:
+    """By 5 cm back along its approach axis, or less where there is no room, and straight."""
+    scene = solved.plan.scene
+    last = solved.plan.actions[-1]
+    assert last.operator == "place"
+    arm = scene.workcell.arm_index(last.arguments[0])
+    samples = range(int(solved.motion.switch[-1]), len(solved.motion.time))
+    position, axis = solved.gripper(arm, samples)
+    offset = position - position[0]
+    along = -offset @ axis[0]
+    aside = np.linalg.norm(offset + along[:, None] * axis[0], axis=1)
+    assert 0.01 <= along[-1] < 0.051
+    assert aside.max() < SIDEWAYS
