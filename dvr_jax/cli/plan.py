@@ -47,6 +47,8 @@ class PlanOptions:
     """Seconds after which the search gives up. A machine's first plan compiles for most of a minute, which counts."""
     clearance: float = 1.0
     """Factor of the distances that bodies keep, from 0 to 3."""
+    termination: Literal["optimal", "feasible"] = "optimal"
+    """Optimize the path until it satisfies the KKT conditions (optimal), or take the first feasible one (feasible)."""
     out: Path | None = None
     """Folder for plan.json, trajectory.npz, scene.xml, film.png, depth.png and plan.gif; it is made if missing."""
     animation: bool = True
@@ -83,6 +85,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         progress=_report_progress,
         network=network,
         clearance=options.clearance,
+        termination=options.termination,
     )
     _print_plan(result, options)
 

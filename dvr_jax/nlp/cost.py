@@ -48,6 +48,17 @@ def cost(problem: Problem, x: Variables) -> Float[Array, ""]:
     return value
 
 
+def path_cost(home: Float[np.ndarray, " joints"], q: Float[np.ndarray, "slices joints"]) -> float:
+    """Return the objective of the paper of a path, half the sum of its squared accelerations [rad^2/slice^4].
+
+    Args:
+        home: Home posture, at which the path starts at rest [rad].
+        q: Joint angles at its slices [rad].
+    """
+    second_differences = np.diff(np.concatenate([home[None], home[None], q]), n=2, axis=0)
+    return float(0.5 * ACCELERATION_WEIGHT * np.sum(second_differences**2))
+
+
 def add_cost(
     parts: SystemParts, problem: Problem, x: Variables, gradient_scale: Float[Array, ""]
 ) -> SystemParts:

@@ -39,6 +39,9 @@ from dvr_jax.scene.types import Scene
 TABLE_SUPPORT = "table"
 """Constant of the PDDL domain that stands for the table."""
 
+PLACING_ROOM = 3e-4
+"""Least distance by which the center of an object can be shifted on a region, to either side [m]."""
+
 OVERHANG_TOLERANCE = 1e-3
 """Largest distance by which a footprint may extend beyond its support on each side [m], the tolerance of the NLP."""
 
@@ -71,7 +74,9 @@ def _clear_rectangle(scene: Scene, name: str, support: str) -> Rectangle:
     """Return the part of a support in which the footprint of an object stays.
 
     It keeps the clearance from the edges of a region. Where the footprint, with sides parallel to those of the region,
-    has less room than that, it is centered.
+    has little more room than that, it is centered: a quarter of the room, and at least `PLACING_ROOM`, is left to the
+    position. Without any room left, the only feasible position would be an isolated point, at which the constraints
+    have no finite multipliers.
     """
     rectangle = support_rectangle(scene, support)
     if support == TABLE_SUPPORT:
@@ -84,7 +89,8 @@ def _clear_rectangle(scene: Scene, name: str, support: str) -> Rectangle:
         min(width - hx - radius, depth - hy - radius),
         min(width - hy - radius, depth - hx - radius),
     )
-    edge = min(scene.workcell.clearances.region_edge, max(room, 0.0))
+    left = max(room / 4, PLACING_ROOM)
+    edge = min(scene.workcell.clearances.region_edge, room - left)
     return Rectangle(rectangle.center, (width - edge, depth - edge), rectangle.yaw)
 
 

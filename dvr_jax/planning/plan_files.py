@@ -16,6 +16,7 @@ from dvr_jax.logic import Action, Grounding
 from dvr_jax.motion.file import load_motion, save_motion
 from dvr_jax.motion.motion import Motion
 from dvr_jax.operators import Operator, ground_scene
+from dvr_jax.planning.path_quality import PathQuality
 from dvr_jax.scene.files import scene_from_json, scene_to_json
 from dvr_jax.scene.layout import qpos_layout
 from dvr_jax.scene.mjcf import scene_xml
@@ -50,6 +51,7 @@ class _PlanFile(msgspec.Struct):
     verdicts: dict[str, int]
     rejected_by_check: int
     seconds: dict[str, float]
+    path: PathQuality | None
     violations: dict[str, float]
     check: CheckReport | None
     options: dict[str, str | int | float | None]
@@ -108,6 +110,7 @@ def encode_plan(plan: Plan) -> bytes:
         verdicts=plan.verdicts,
         rejected_by_check=plan.rejected,
         seconds={stage: float(value) for stage, value in plan.seconds.items()},
+        path=plan.path,
         violations={kind: float(value) for kind, value in plan.violations.items()},
         check=plan.report,
         options=plan.options,  # type: ignore[arg-type]
@@ -144,6 +147,7 @@ def load_plan_fields(folder: Path, operators: Sequence[Operator]) -> dict[str, A
         "actions": actions,
         "motion": motion,
         "report": record.check,
+        "path": record.path,
         "violations": record.violations,
         "seconds": record.seconds,
         "nlps": record.nlps,

@@ -16,9 +16,11 @@ from dataclasses import replace
 import jax
 
 from dvr_jax.checker import CHECKS, CheckReport, OperatorCheck, check_motion
+from dvr_jax.errors import OptionError
 from dvr_jax.motion.motion import Motion
 from dvr_jax.operators import OPERATORS, Operator
 from dvr_jax.planning.arguments import (
+    describe_value,
     require_integer,
     require_number,
     require_positive,
@@ -26,6 +28,7 @@ from dvr_jax.planning.arguments import (
 )
 from dvr_jax.planning.feasibility import motion_of
 from dvr_jax.planning.networks import choose_search
+from dvr_jax.planning.path_quality import TERMINATIONS, quality_of
 from dvr_jax.planning.result import Plan
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.node import Node
@@ -35,6 +38,7 @@ from dvr_jax.search.session import Outcome
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.warm import warming_up
 from dvr_jax.solver.lane_pool import NlpSolution
+from dvr_jax.solver.state import Termination
 
 __all__ = ["Plan", "plan"]
 
@@ -50,6 +54,7 @@ def plan(
     operators: Sequence[Operator] = OPERATORS,
     checks: Sequence[OperatorCheck] = CHECKS,
     clearance: float = 1.0,
+    termination: str = "optimal",
 ) -> Plan:
     """Find a sequence of actions that solves a scene, and a motion that carries it out and passes the check.
 
@@ -68,6 +73,8 @@ def plan(
         operators: Operators that the plan may consist of.
         checks: The operators' counterparts in the independent check, one for each operator.
         clearance: Factor of the workcell's clearances, from 0 to 3.
+        termination: "optimal" if the path is optimized until it satisfies the KKT conditions, or "feasible" if the
+            first feasible path will do.
 
     Returns:
         The plan. Its status says whether a motion was found, and if not, why the search ended.
@@ -83,6 +90,10 @@ def plan(
     say = progress or _say_nothing
     search, chosen_network = choose_search(search, network, scene, operators, say)
 
+    if termination not in TERMINATIONS:
+        raise OptionError(
+            f"the termination is {describe_value(termination)}; valid: {', '.join(TERMINATIONS)}."
+        )
     clearance = require_number("the clearance", clearance)
     clearances = scene.workcell.clearances.scaled(clearance)
     planned = replace(scene, workcell=replace(scene.workcell, clearances=clearances))
@@ -95,7 +106,14 @@ def plan(
     # Tolerances of a micrometer need double precision. It is switched on here and not on import, because the import of
     # a package must not change the programs of others.
     with jax.enable_x64(True), warming_up(planned, k_max, chosen_network, operators):
-        outcome = run_search(search, tree, acceptance.accept, acceptance.progress, chosen_network)
+        outcome = run_search(
+            search,
+            tree,
+            acceptance.accept,
+            acceptance.progress,
+            chosen_network,
+            Termination[termination.upper()],
+        )
 
     options: dict[str, object] = {
         "search": search,
@@ -104,6 +122,7 @@ def plan(
         "network": None if chosen_network is None else chosen_network.checksum,
         "time_limit": time_limit if math.isfinite(time_limit) else None,
         "clearance": clearance,
+        "termination": termination,
     }
     found = _make_plan(tree, outcome, acceptance, options, total_seconds=time.monotonic() - begin)
     return replace(found, scene=scene)
@@ -171,6 +190,7 @@ def _make_plan(
         actions=outcome.node.actions if outcome.node is not None else (),
         motion=acceptance.motion,
         report=acceptance.report,
+        path=quality_of(tree.scene, outcome.path) if outcome.path is not None else None,
         violations=outcome.path.violations if outcome.path is not None else {},
         seconds=seconds,
         nlps=dict(tree.counts.nlps),

@@ -13,6 +13,7 @@ from dvr_jax.checker import CheckReport
 from dvr_jax.logic import Action
 from dvr_jax.motion.motion import Motion
 from dvr_jax.operators import OPERATORS, Operator, describe
+from dvr_jax.planning.path_quality import PathQuality
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.status import PlanStatus
 
@@ -31,6 +32,8 @@ class Plan:
     """Motion that carries out the actions; None unless solved."""
     report: CheckReport | None
     """Report of the independent check on `motion`; None unless solved."""
+    path: PathQuality | None
+    """Cost of the path and how close it is to an optimum; None unless solved."""
     violations: dict[str, float]
     """Largest violation of each kind of constraint in the path NLP [m or rad]; empty unless solved."""
     seconds: dict[str, float]

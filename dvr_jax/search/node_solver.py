@@ -22,7 +22,12 @@ from dvr_jax.scene.types import Scene
 from dvr_jax.search.node import Node
 from dvr_jax.search.work import ExtendBeams, SolveNlps, Steps
 from dvr_jax.seeds.beam_batches import BeamTask, adopt_solution
-from dvr_jax.seeds.initial_paths import initial_path, keyframe_start, path_problem
+from dvr_jax.seeds.initial_paths import (
+    initial_path,
+    keyframe_start,
+    optimal_path_problem,
+    path_problem,
+)
 from dvr_jax.seeds.keyframe_beam import (
     BEAM_WIDTH,
     CERTIFIED_PENETRATION,
@@ -31,7 +36,7 @@ from dvr_jax.seeds.keyframe_beam import (
     held_beam,
 )
 from dvr_jax.solver.lane_pool import NlpSolution
-from dvr_jax.solver.state import Settings
+from dvr_jax.solver.state import OPTIMAL_SETTINGS, Settings
 from dvr_jax.workcell.model import workcell_model
 
 FURTHER_STARTS = (5, 10)
@@ -62,7 +67,7 @@ class Counts:
     """Numbers of NLPs solved and of prefixes judged, by bound."""
 
     nlps: Counter[str] = field(default_factory=Counter)
-    """Number of NLP solves for the bounds "pose", "sequence" and "path"; every start counts."""
+    """Number of NLP solves for the bounds "pose", "sequence" and "path", and for the "optimum"; every start counts."""
 
     verdicts: Counter[str] = field(default_factory=Counter)
     """Number of prefixes judged by each bound, including those that a candidate proved feasible or a constant of the
@@ -269,6 +274,26 @@ class NodeSolver:
             self.model, [path_problem(problem, start)], [start], self.settings
         )
         return solved[0]
+
+    def optimize_path(self, node: Node, path: NlpSolution) -> Steps[NlpSolution]:
+        """Solve the path NLP without the pull to its start, from a feasible path to an optimal one.
+
+        Args:
+            node: The node.
+            path: A feasible path of it.
+
+        Returns:
+            The optimal path; the feasible one if the deadline has passed or no better one was found.
+        """
+        if time.monotonic() > self.deadline:
+            return path
+        start = Variables(path.q, path.m)
+        problem = optimal_path_problem(_problem_of(node), start)
+        self.counts.nlps["optimum"] += 1
+        solved: list[NlpSolution] = yield SolveNlps(
+            self.model, [problem], [start], OPTIMAL_SETTINGS
+        )
+        return solved[0] if solved[0].feasible else path
 
 
 def _problem_of(node: Node) -> Problem:

@@ -24,6 +24,7 @@ from dvr_jax.search.session import Accept, Outcome, Progress, SearchSession
 from dvr_jax.search.status import PlanStatus
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import Steps, run_alone
+from dvr_jax.solver.state import Termination
 
 LEAVES = 64
 """Number of leaves whose bounds are computed in one batch before the paths of the feasible ones are tried."""
@@ -125,6 +126,7 @@ def search(
     accept: Accept,
     progress: Progress,
     network: SequencePredictor[Images, Encoding] | None = None,
+    termination: Termination = Termination.FEASIBLE,
 ) -> Outcome:
     """Run a search until it finds a solution, has refuted all sequences, or the tree's deadline has passed.
 
@@ -134,8 +136,9 @@ def search(
         accept: Function that returns whether the independent check accepts a feasible path.
         progress: Function that is called with lines of text about the progress.
         network: Network of the search's kind; None for a search that needs no network.
+        termination: Whether paths are optimized further once they are feasible.
     """
-    session = SearchSession(tree, accept, progress)
+    session = SearchSession(tree, accept, progress, termination)
     try:
         return run_alone(steps_of(name, session, network))
     except OutOfTime:

@@ -19,6 +19,7 @@ from dvr_jax.search.status import PlanStatus
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import Steps
 from dvr_jax.solver.lane_pool import NlpSolution
+from dvr_jax.solver.state import Termination
 
 Accept = Callable[[Node, NlpSolution], bool]
 """Function of a node and a feasible path of it that returns whether the independent check accepts the path."""
@@ -47,18 +48,27 @@ class Outcome:
 class SearchSession:
     """One search over a tree: it computes bounds and tries paths, and measures the time of each stage."""
 
-    def __init__(self, tree: SequenceTree, accept: Accept, progress: Progress) -> None:
+    def __init__(
+        self,
+        tree: SequenceTree,
+        accept: Accept,
+        progress: Progress,
+        termination: Termination = Termination.FEASIBLE,
+    ) -> None:
         """Begin a search.
 
         Args:
             tree: Tree of the scene's sequences.
             accept: Function that returns whether the independent check accepts a feasible path.
             progress: Function that is called with lines of text about the progress.
+            termination: Whether paths are optimized further once they are feasible.
         """
         self.tree = tree
         self.accept = accept
         self.progress = progress
-        self.seconds = dict.fromkeys(("image", "network", "pose", "sequence", "path"), 0.0)
+        self.termination = termination
+        stages = ("image", "network", "pose", "sequence", "path", "optimum")
+        self.seconds = dict.fromkeys(stages, 0.0)
 
     @contextmanager
     def timed(self, stage: str) -> Iterator[None]:
@@ -157,12 +167,25 @@ class SearchSession:
                 continue
             node.refuted_by = "check"
             node.violation = solution.relative_violation
-            if self.accept(node, solution):
+            accepted = yield from self._accepted_path(node, solution)
+            if accepted is not None:
                 node.solved = True
                 node.refuted_by = ""
                 self.tree.counts.feasible["path"] += 1
-                return Outcome(PlanStatus.SOLVED, node, solution, self.seconds)
+                return Outcome(PlanStatus.SOLVED, node, accepted, self.seconds)
         return None
+
+    def _accepted_path(self, node: Node, path: NlpSolution) -> Steps[NlpSolution | None]:
+        """Optimize a feasible path if that is wanted, and return the path that the check accepts, or None.
+
+        If the check refuses the optimal path, the feasible one takes its place.
+        """
+        if self.termination == Termination.OPTIMAL:
+            with self.timed("optimum"):
+                optimal = yield from self.tree.solver.optimize_path(node, path)
+            if optimal is not path and self.accept(node, optimal):
+                return optimal
+        return path if self.accept(node, path) else None
 
     def _report_path(self, node: Node, solution: NlpSolution) -> None:
         """Report whether a path is feasible, or else its largest violation."""

@@ -136,6 +136,17 @@ def path_problem(problem: Problem, start: Variables, samples: int = PATH_SAMPLES
     return place_samples(path, np.asarray(start.q), even_fractions(T, samples))
 
 
+def optimal_path_problem(problem: Problem, path: Variables) -> Problem:
+    """Return the path NLP of a sequence whose cost is that of the paper alone, the squared accelerations.
+
+    Args:
+        problem: Keyframe NLP.
+        path: A path on whose interpolated motion the distances are evaluated at first.
+    """
+    pulled = path_problem(problem, path)
+    return pulled._replace(regularization_weight=np.zeros_like(pulled.regularization_weight))
+
+
 def _path_clearances(problem: Problem, steps: int) -> Float[np.ndarray, "slices body_rows"]:
     """Return the clearances in the interval before each slice [m].
 

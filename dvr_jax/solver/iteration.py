@@ -47,7 +47,14 @@ from dvr_jax.runtime.batch_sizes import batch_sizes
 from dvr_jax.runtime.compilation import Program
 from dvr_jax.solver.augmented_lagrangian import judge_trial, next_trial, trial_point
 from dvr_jax.solver.banded import solve_bordered
-from dvr_jax.solver.state import RestorationPhase, Settings, SolverState, SolverStatus, TrialUpdate
+from dvr_jax.solver.state import (
+    BestPoint,
+    RestorationPhase,
+    Settings,
+    SolverState,
+    SolverStatus,
+    TrialUpdate,
+)
 from dvr_jax.workcell.model import WorkcellModel
 
 
@@ -115,6 +122,11 @@ def initial_states(
             gradient_m=zeros(M),
         ),
         report=dict.fromkeys(TOLERANCES, infinity),
+        kkt_residual=infinity,
+        predicted_decrease=infinity,
+        slope=np.zeros(B, dtype),
+        backtracks=count.copy(),
+        best=BestPoint(x, infinity, infinity, dict.fromkeys(TOLERANCES, infinity)),
         updated_violation=infinity,
         best_violation=infinity,
         inner_iterations=count,
@@ -282,7 +294,7 @@ def advance(
             unflatten(FlatResiduals(*update.active_penalty), horizon),
             gradient_scale=jnp.where(restoring, 0.0, 1.0),
         )
-        return next_trial(settings, state, update, system, trial.violations, _solve)
+        return next_trial(settings, state, update, system, trial.violations, _solve, _slope)
 
     new = jax.vmap(advance_lane)(problems, states, trials, distances)
     is_running = states.status == SolverStatus.RUNNING
@@ -299,6 +311,11 @@ def _solve(system: BorderedSystem, damping: Array) -> Variables:
     """Return the step that solves a system with damping on its diagonal."""
     dq, dm = solve_bordered(system, damping)
     return Variables(dq, dm.reshape(-1, PARAMETERS))
+
+
+def _slope(system: BorderedSystem, step: Variables) -> Array:
+    """Return the product of the gradient of the augmented Lagrangian with a step."""
+    return jnp.sum(system.gradient_q * step.q) + system.gradient_m @ step.m.reshape(-1)
 
 
 @Program

@@ -40,6 +40,8 @@ RESTARTED = (
     "damping",
     "value",
     "report",
+    "best",
+    "backtracks",
     "updated_violation",
     "best_violation",
     "inner_iterations",
@@ -49,6 +51,10 @@ RESTARTED = (
     "status",
 )
 """Fields of `SolverState` that change when a lane is restarted or ends at the limit of its restarts."""
+
+
+FOUND = (SolverStatus.FEASIBLE, SolverStatus.OPTIMAL)
+"""Statuses of lanes that have ended at a feasible point."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +75,9 @@ class NlpSolution:
 
     m: Float[np.ndarray, "phases 4"]
     """Mode parameters of each action [m or rad]."""
+
+    kkt_residual: float
+    """KKT residual (`dvr_jax.solver.optimality`); infinite if it is not known."""
 
     iterations: int
     """Number of iterations."""
@@ -220,9 +229,7 @@ class LanePool:
         """
         status = np.asarray(self._states.status)
         unchecked = [
-            index
-            for index in ended
-            if status[index] == SolverStatus.FEASIBLE and not self._lanes[index].is_cleared
+            index for index in ended if status[index] in FOUND and not self._lanes[index].is_cleared
         ]
         if not unchecked:
             return ended
@@ -274,7 +281,7 @@ class LanePool:
 
     def _collect(self, ended: list[int]) -> None:
         """Store the solutions of lanes that have ended, and give the lanes new tasks or make them idle."""
-        final = _copy_to_host(self._states, ("x", "report", "iterations", "status"))
+        final = _copy_to_host(self._states, ("x", "report", "kkt_residual", "iterations", "status"))
         for index in ended:
             lane = self._lanes[index]
             assert lane.task is not None
@@ -316,9 +323,15 @@ def _restart(states: SolverState, index: int, damping: float) -> None:
     """Start a lane that has ended again from its point; it keeps its multipliers and its penalty."""
     for step in states.step:
         step[index] = 0
-    for value in (states.value, states.updated_violation, states.best_violation):
+    for value in (
+        states.value,
+        states.updated_violation,
+        states.best_violation,
+        states.best.cost,
+    ):
         value[index] = np.inf
     for count in (
+        states.backtracks,
         states.inner_iterations,
         states.updates_without_progress,
         states.iterations,
@@ -339,11 +352,12 @@ def _solution(states: SolverState, index: int, earlier_iterations: int) -> NlpSo
     """Return the solution of the NLP that a lane has solved."""
     violations = {name: value[index] for name, value in states.report.items()}
     return NlpSolution(
-        feasible=bool(states.status[index] == SolverStatus.FEASIBLE),
+        feasible=bool(states.status[index] in FOUND),
         relative_violation=float(relative_violation(violations)),
         violations={name: float(value) for name, value in violations.items()},
         q=np.array(states.x.q[index]),
         m=np.array(states.x.m[index]),
+        kkt_residual=float(states.kkt_residual[index]),
         iterations=earlier_iterations + int(states.iterations[index]),
         status=SolverStatus(int(states.status[index])),
     )

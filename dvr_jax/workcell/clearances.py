@@ -12,7 +12,7 @@ Where a scene leaves less room than a clearance, the clearance shrinks:
   it is grasped and shortly after it is released, the clearance of the hand is at most ``(W - w) / 2 - overhang -
   GRIP_ROOM``.
 - Two bodies that stand nearer to each other at the start than the clearance need only keep that distance.
-- A footprint that has less room in its region than the clearance is centered.
+- A footprint that has little more room in its region than the clearance is centered, up to a quarter of that room.
 """
 
 from __future__ import annotations

@@ -17,6 +17,7 @@ from dvr_jax.errors import DataError, DvrError, MotionError
 from dvr_jax.geometry.footprint import signed_distance
 from dvr_jax.logic import Action
 from dvr_jax.motion import load_motion, make_motion, save_motion
+from dvr_jax.planning.path_quality import PathQuality
 from dvr_jax.planning.result import Plan
 from dvr_jax.scene.mjcf import home_qpos, qpos_layout
 from dvr_jax.scene.types import OnRegion, Region, Scene, SceneObject
@@ -74,6 +75,7 @@ def make_plan(
         actions=actions,
         motion=motion,
         report=CheckReport(True, (), 1e-4, samples, float(motion.time[-1] - motion.time[0])),
+        path=PathQuality("optimal", 0.1, 1e-3, 40),
         violations={"position": 1e-4 / 3},
         seconds=SECONDS,
         nlps={"path": 1},
@@ -85,7 +87,13 @@ def make_plan(
 
 SOLVED = make_plan({"a": (0.0, 0.0, 0.3), "b": (0.2, 0.4, -1.0)})
 UNSOLVED = replace(
-    SOLVED, status=PlanStatus.TIME_LIMIT, actions=(), motion=None, report=None, violations={}
+    SOLVED,
+    status=PlanStatus.TIME_LIMIT,
+    actions=(),
+    motion=None,
+    report=None,
+    path=None,
+    violations={},
 )
 
 

@@ -24,6 +24,7 @@ def plan_of(case: Case, motion: Motion | None) -> Plan:
         actions=case.actions if motion else (),
         motion=motion,
         report=check_motion(case.scene, case.actions, case.motion) if motion else None,
+        path=None,
         violations={},
         seconds={},
         nlps={},

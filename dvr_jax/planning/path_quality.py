@@ -1,0 +1,49 @@
+"""How good the path of a plan is: its cost, and how close it is to an optimum."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from dvr_jax.nlp.cost import path_cost
+from dvr_jax.scene.types import Scene
+from dvr_jax.solver.lane_pool import NlpSolution
+from dvr_jax.solver.state import SolverStatus
+
+TERMINATIONS = ("optimal", "feasible")
+"""Names of the points at which the optimization of a path may end."""
+
+
+@dataclass(frozen=True, slots=True)
+class PathQuality:
+    """Quality of the path of a plan, before it is timed."""
+
+    termination: str
+    """"optimal" if the path satisfies the KKT conditions within the solver's tolerance, else "feasible"."""
+
+    cost: float
+    """Objective of the paper, half the sum of the squared accelerations [rad^2/slice^4]."""
+
+    kkt_residual: float | None
+    """KKT residual, a fraction of the cost (`dvr_jax.solver.optimality`); None if it is not known."""
+
+    iterations: int
+    """Number of iterations of the NLP that the path solves."""
+
+
+def quality_of(scene: Scene, path: NlpSolution) -> PathQuality:
+    """Return the quality of the solution of a path NLP.
+
+    Args:
+        scene: Scene of the path.
+        path: A feasible solution.
+    """
+    home = np.array(scene.home, dtype=float).reshape(-1)
+    return PathQuality(
+        termination="optimal" if path.status == SolverStatus.OPTIMAL else "feasible",
+        cost=path_cost(home, path.q),
+        kkt_residual=path.kkt_residual if math.isfinite(path.kkt_residual) else None,
+        iterations=path.iterations,
+    )
