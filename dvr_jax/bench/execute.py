@@ -36,7 +36,7 @@ class ExecuteOptions(ScenesOptions):
     object_noise: float = 0.0
     """Standard deviation of the initial displacement of each object along x and along y [mm]."""
     friction: tuple[float, float] = (1.0, 1.0)
-    """Least and largest coefficient of friction, from which each execution draws its own."""
+    """Least and largest factor of the objects' friction, from which each execution draws its own."""
 
     def variation(self) -> ConditionRange:
         """The conditions of the executions."""

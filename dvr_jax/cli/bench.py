@@ -46,6 +46,9 @@ BENCHMARKS: dict[str, Benchmark] = {
         "dataset", "labels and training targets of folders of shards, beside the paper's"
     ),
     "speed": Benchmark("speed", "times of a slice's system, of keyframes and of paths"),
+    "optimality": Benchmark(
+        "optimality", "costs of optimized paths beside ten times the iterations (10 minutes)"
+    ),
     "compare": Benchmark("compare", "those times of this checkout and of another one, in turn"),
     "drawn": Benchmark(
         "drawn", "how deep drawn links get into what plans keep their capsules clear of"

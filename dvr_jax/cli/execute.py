@@ -48,7 +48,8 @@ class ExecuteOptions:
     object_noise: float = 0.0
     """Standard deviation of the initial displacement of each object along x and along y [mm]."""
     friction: tuple[float, float] = (1.0, 1.0)
-    """Least and largest coefficient of friction, from which each execution draws its own."""
+    """Least and largest factor of the objects' friction, from which each execution draws its own. Objects whose scene
+    states no friction have the coefficient 1."""
     seed: int = 0
     """Seed of displacements and friction."""
     workers: int = os.cpu_count() or 1

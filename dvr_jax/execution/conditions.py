@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 from dvr_jax.errors import OptionError
-from dvr_jax.scene.mjcf import OBJECT_DENSITY
 
 
 @dataclass(frozen=True, slots=True)
@@ -14,10 +13,7 @@ class ExecutionConditions:
     """What a motion does not say and physics needs."""
 
     friction: float = 1.0
-    """Coefficient of sliding friction between all bodies, and between finger pads and objects."""
-
-    density: float = OBJECT_DENSITY
-    """Density of the objects [kg/m^3]."""
+    """Factor of the coefficients of friction that the scene states for its objects."""
 
     grip_force: float = 70.0
     """Force of each finger of a closed gripper on its object [N]. Franka states 70 N for continuous use, which is also
@@ -33,7 +29,6 @@ class ExecutionConditions:
         """Refuse numbers that physics cannot use."""
         for name, value, least, most, unit in (
             ("friction", self.friction, 0.0, 10.0, ""),
-            ("density", self.density, 1.0, 25_000.0, " kg/m^3"),
             ("grip force", self.grip_force, 1.0, 70.0, " N"),
             ("object noise", self.object_noise, 0.0, 0.1, " m"),
         ):

@@ -51,7 +51,7 @@ def build_execution_model(scene: Scene, conditions: ExecutionConditions) -> mujo
 
     Args:
         scene: The scene.
-        conditions: Friction and density.
+        conditions: Factor of the friction.
     """
     spec = build_model_spec(scene)
     spec.option.timestep = TIME_STEP
@@ -63,12 +63,17 @@ def build_execution_model(scene: Scene, conditions: ExecutionConditions) -> mujo
         geom.friction = [conditions.friction, TORSION, ROLLING]
     for item in scene.objects:
         for geom in spec.body(object_body_name(item.name)).geoms:
-            geom.density = conditions.density
+            # The object's friction counts, whatever it touches.
+            geom.friction = [conditions.friction * item.friction, TORSION, ROLLING]
+            geom.priority = 1
 
     for arm in scene.workcell.arm_names:
         _release_from_gravity(spec.body(f"{arm}/base"))
         for finger in FINGERS:
-            _add_pad(spec, f"{arm}/{finger}", conditions)
+            _add_pad(spec, f"{arm}/{finger}")
+            for item in scene.objects:
+                friction = conditions.friction * item.friction
+                _let_pad_hold(spec, f"{arm}/{finger}_pad", object_body_name(item.name), friction)
         _couple_fingers(spec, arm)
 
     # The target of a servo leads its joint by the product of the joint's speed and of the servo's time constant.
@@ -87,7 +92,7 @@ def _release_from_gravity(body: mujoco.MjsBody) -> None:
         child = body.next_body(child)
 
 
-def _add_pad(spec: mujoco.MjSpec, finger: str, conditions: ExecutionConditions) -> None:
+def _add_pad(spec: mujoco.MjSpec, finger: str) -> None:
     """Put a flat pad on the inner side of a finger, around the gripper center."""
     body = spec.body(finger)
     looks = [geom for geom in body.geoms if geom.group == LOOKS_GROUP]
@@ -111,8 +116,17 @@ def _add_pad(spec: mujoco.MjSpec, finger: str, conditions: ExecutionConditions) 
         group=COLLISION_GROUP,
         mass=0.0,
         condim=4,
-        priority=1,
-        friction=[conditions.friction, PAD_TORSION * conditions.friction, ROLLING],
+    )
+
+
+def _let_pad_hold(spec: mujoco.MjSpec, pad: str, item: str, friction: float) -> None:
+    """State how a pad and an object touch: stiff, and with the torsional friction of a disc."""
+    torsion = PAD_TORSION * friction
+    spec.add_pair(
+        geomname1=pad,
+        geomname2=item,
+        condim=4,
+        friction=[friction, friction, torsion, ROLLING, ROLLING],
         solref=[PAD_CONTACT_TIME, 1.0],
         solimp=[0.99, 0.999, 0.0005, 0.5, 2.0],
     )

@@ -25,7 +25,7 @@ class ConditionRange:
     """Standard deviation of the initial displacement of each object along x and along y [m]."""
 
     friction: tuple[float, float] = (1.0, 1.0)
-    """Least and largest coefficient of friction, from which each execution draws its own."""
+    """Least and largest factor of the objects' friction, from which each execution draws its own."""
 
     seed: int = 0
     """Seed; execution i of a seed is the same whatever their number is."""

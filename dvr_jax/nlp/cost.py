@@ -1,9 +1,12 @@
-"""The cost of one NLP is the sum of squared accelerations and of weighted squared distances from given postures.
+"""The cost of one NLP: squared accelerations, weighted squared distances from given postures, and preferred grasps.
 
-With the second differences ``a_t = q_t - 2 q_{t-1} + q_{t-2}`` of a path that starts at rest at the home posture, and
-with the targets r_t and weights w_t of the regularization,
+With the second differences ``a_t = q_t - 2 q_{t-1} + q_{t-2}`` of a path that starts at rest at the home posture, with
+the targets r_t and weights w_t of the regularization, and with the weights v_k of the mode parameters m_k,
 
-    cost = 1/2 sum_t w_t (q_t - r_t)^2  +  1/2 ACCELERATION_WEIGHT sum_t a_t^2        (the second sum for paths only).
+    cost = 1/2 sum_t w_t (q_t - r_t)^2  +  1/2 ACCELERATION_WEIGHT sum_t a_t^2  +  1/2 sum_k v_k m_k^2.
+
+The second sum belongs to paths only. The last one prefers steep grasps near the center of an object
+(`dvr_jax.operators.grasp`); it is no part of the objective of the paper.
 """
 
 from __future__ import annotations
@@ -43,6 +46,7 @@ def cost(problem: Problem, x: Variables) -> Float[Array, ""]:
     value = 0.5 * jnp.sum(
         problem.regularization_weight * (x.q - problem.regularization_target) ** 2
     )
+    value += 0.5 * jnp.sum(problem.preference * x.m**2)
     if x.q.shape[0] > x.m.shape[0]:
         value += 0.5 * ACCELERATION_WEIGHT * jnp.sum(accelerations(problem, x.q) ** 2)
     return value
@@ -59,6 +63,18 @@ def path_cost(home: Float[np.ndarray, " joints"], q: Float[np.ndarray, "slices j
     return float(0.5 * ACCELERATION_WEIGHT * np.sum(second_differences**2))
 
 
+def preference_cost(
+    preference: Float[np.ndarray, "phases 4"], m: Float[np.ndarray, "phases 4"]
+) -> float:
+    """Return the part of the cost that prefers some modes to others.
+
+    Args:
+        preference: Weights of the squared mode parameters [1/m^2 or 1/rad^2].
+        m: Mode parameters [m or rad].
+    """
+    return float(0.5 * np.sum(preference * m**2))
+
+
 def add_cost(
     parts: SystemParts, problem: Problem, x: Variables, gradient_scale: Float[Array, ""]
 ) -> SystemParts:
@@ -73,6 +89,12 @@ def add_cost(
     weight = problem.regularization_weight
     diagonal = parts.joint_diagonal + weight
     gradient = parts.gradient_q + gradient_scale * weight * (x.q - problem.regularization_target)
+    preference = problem.preference.reshape(-1)
+    parts = parts._replace(
+        corner=parts.corner + jnp.diag(preference),
+        gradient_m=parts.gradient_m + gradient_scale * preference * x.m.reshape(-1),
+    )
+
     T, D = x.q.shape
     if x.m.shape[0] == T:
         return parts._replace(joint_diagonal=diagonal, gradient_q=gradient)

@@ -106,6 +106,9 @@ class Problem(NamedTuple):
     """Upper bounds of the mode parameters [m or rad]; a parameter whose two bounds are equal is *pinned*: it is
     constant."""
 
+    preference: Float[Array, "*batch phases 4"]
+    """Weights of the squared mode parameters in the cost [1/m^2 or 1/rad^2]; they do not affect feasibility."""
+
     support: Float[Array, "*batch phases 5"]
     """Rectangle on which the object is placed: center x, y [m], yaw [rad], half extents [m]; zeros for a grasp."""
 

@@ -69,6 +69,22 @@ MEETING_HEIGHT = (0.15, 0.6)
 MEETING_TILT = 0.8
 """Largest tilt of an object that is handed over [rad]."""
 
+GRAVITY = 9.81
+"""Acceleration of gravity [m/s^2]."""
+
+LEVER_MOMENT = 0.1
+"""Moment of an object's weight about the gripper that adds `LEVER_COST` to the cost [N m].
+
+A grasp near the center of a heavy object is preferred, because its weight and inertia turn it in the fingers otherwise.
+"""
+
+LEVER_COST = 0.05
+"""Cost of this moment; the cost of a path of two actions is about 0.1."""
+
+PITCH_COST = 0.01
+"""Weight of the squared pitch of a grasp in the cost [1/rad^2]. A steep grasp is preferred, because the hand then stays
+away from what stands beside the object."""
+
 SIBLING_PENALTY = 0.01
 """Penalty on the violation of a grasp for each better sibling in the beam [m].
 
@@ -104,6 +120,12 @@ def _refute(scene: Scene, action: Action) -> str | None:
             f"{100 * GRASP_MARGIN:.1f} cm to the sides and {100 * HEIGHT_MARGIN:.1f} cm to top and bottom"
         )
     return None
+
+
+def _preference(item: SceneObject) -> tuple[float, float, float, float]:
+    """Return the weights of the squared mode parameters of a grasp in the cost [1/m^2 or 1/rad^2]."""
+    lever = 2 * LEVER_COST * (GRAVITY * item.mass / LEVER_MOMENT) ** 2
+    return (lever, lever, PITCH_COST, 0.0)
 
 
 def _is_duplicate(scene: Scene, action: Action) -> bool:
@@ -142,6 +164,7 @@ def _switch(state: SkeletonState, action: Action) -> ModeSwitch:
         upper=(tangent, height, PITCH_LIMIT, yaw_room),
         finger_opening=tuple(opening),
         closing_yaw=FACES.index(face) * math.pi / 2,
+        preference=_preference(item),
     )
 
 

@@ -91,6 +91,9 @@ class ModeSwitch:
     closing_yaw: float = 0.0
     """Yaw of the closing axis, along which the fingers close, in the frame of a held object [rad]."""
 
+    preference: FourFloats = (0.0, 0.0, 0.0, 0.0)
+    """Weights of the squared mode parameters in the cost [1/m^2 or 1/rad^2]; small parameters are preferred."""
+
     support: Rectangle | None = None
     """Area of the table on which the object is placed; None if the action does not place it."""
 

@@ -29,7 +29,6 @@ from dvr_jax.nlp.problem import Problem
 from dvr_jax.planning.carried_objects import carry_objects, gripper_frames
 from dvr_jax.planning.retreat import RETREAT_STEPS, retreat
 from dvr_jax.scene.layout import home_qpos, qpos_layout
-from dvr_jax.scene.mjcf import OBJECT_DENSITY
 from dvr_jax.scene.types import Scene
 from dvr_jax.solver.continuous_collision import straight_intervals
 from dvr_jax.workcell.model import workcell_model
@@ -156,9 +155,7 @@ def _torques(scene: Scene, problem: Problem, phase: int) -> Torques:
     loads = np.zeros(scene.workcell.number_of_arms)
     for item, body in enumerate(scene.objects):
         if int(problem.mode_kind[phase, item]) == ModeKind.HELD:
-            # A cylinder counts as the box around it, which is heavier.
-            volume = float(np.prod(2 * np.array(body.half_extents)))
-            loads[int(problem.mode_parent[phase, item])] += OBJECT_DENSITY * volume
+            loads[int(problem.mode_parent[phase, item])] += body.mass
 
     def torques(q: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
         """Torques of all arms [N m]."""

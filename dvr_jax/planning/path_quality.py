@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dvr_jax.nlp.cost import path_cost
-from dvr_jax.scene.types import Scene
+from dvr_jax.nlp.cost import path_cost, preference_cost
+from dvr_jax.nlp.problem import Problem
 from dvr_jax.solver.lane_pool import NlpSolution
 from dvr_jax.solver.state import SolverStatus
 
@@ -26,6 +26,9 @@ class PathQuality:
     cost: float
     """Objective of the paper, half the sum of the squared accelerations [rad^2/slice^4]."""
 
+    preference: float
+    """The rest of the solver's cost: how far grasps are from the objects' centers and from straight down."""
+
     kkt_residual: float | None
     """KKT residual, a fraction of the cost (`dvr_jax.solver.optimality`); None if it is not known."""
 
@@ -33,17 +36,17 @@ class PathQuality:
     """Number of iterations of the NLP that the path solves."""
 
 
-def quality_of(scene: Scene, path: NlpSolution) -> PathQuality:
+def quality_of(problem: Problem, path: NlpSolution) -> PathQuality:
     """Return the quality of the solution of a path NLP.
 
     Args:
-        scene: Scene of the path.
-        path: A feasible solution.
+        problem: Keyframe NLP of the sequence.
+        path: A feasible solution of the path NLP.
     """
-    home = np.array(scene.home, dtype=float).reshape(-1)
     return PathQuality(
         termination="optimal" if path.status == SolverStatus.OPTIMAL else "feasible",
-        cost=path_cost(home, path.q),
+        cost=path_cost(np.asarray(problem.home), path.q),
+        preference=preference_cost(np.asarray(problem.preference), path.m),
         kkt_residual=path.kkt_residual if math.isfinite(path.kkt_residual) else None,
         iterations=path.iterations,
     )

@@ -28,7 +28,7 @@ from dvr_jax.planning.arguments import (
 )
 from dvr_jax.planning.feasibility import motion_of
 from dvr_jax.planning.networks import choose_search
-from dvr_jax.planning.path_quality import TERMINATIONS, quality_of
+from dvr_jax.planning.path_quality import TERMINATIONS, PathQuality, quality_of
 from dvr_jax.planning.result import Plan
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.node import Node
@@ -190,7 +190,7 @@ def _make_plan(
         actions=outcome.node.actions if outcome.node is not None else (),
         motion=acceptance.motion,
         report=acceptance.report,
-        path=quality_of(tree.scene, outcome.path) if outcome.path is not None else None,
+        path=_quality(outcome),
         violations=outcome.path.violations if outcome.path is not None else {},
         seconds=seconds,
         nlps=dict(tree.counts.nlps),
@@ -199,6 +199,13 @@ def _make_plan(
         options=options,
         operators=tuple(tree.operators),
     )
+
+
+def _quality(outcome: Outcome) -> PathQuality | None:
+    """Return the quality of the path that a search ended with, or None without one."""
+    if outcome.path is None or outcome.node is None or outcome.node.problem is None:
+        return None
+    return quality_of(outcome.node.problem, outcome.path)
 
 
 def _say_nothing(line: str) -> None:

@@ -8,6 +8,8 @@ Version 1 (meters, radians, full extents; the table's top is z = 0; "home" and e
      "goal": {"object": "yellow", "region": {"position": [x, y], "yaw": r, "size": [sx, sy]}},
      "home": {"left": [7 joint angles], "right": [7 joint angles]}}
 
+An object may also have "density" [kg/m^3] and "friction", the coefficient of sliding friction.
+
 Version 2 says where the arms stand and what else does. It has no "home", as each arm has its own; "workcell", "fixed",
 and of the workcell each arm's "home" and the "table" may be left out:
 
@@ -25,18 +27,21 @@ from typing import Literal
 import msgspec
 
 from dvr_jax.errors import SceneError
+from dvr_jax.scene.types import USUAL_DENSITY, USUAL_FRICTION
 
 Record = msgspec.Struct
 
 
-class ObjectRecord(Record, forbid_unknown_fields=True):
-    """One object."""
+class ObjectRecord(Record, forbid_unknown_fields=True, omit_defaults=True):
+    """One object; without "density" and "friction" it has the usual ones."""
 
     name: str
     shape: str
     size: tuple[float, ...]
     position: tuple[float, float]
     yaw: float
+    density: float = USUAL_DENSITY
+    friction: float = USUAL_FRICTION
 
 
 class RegionRecord(Record, forbid_unknown_fields=True):

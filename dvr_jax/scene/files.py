@@ -170,7 +170,15 @@ def _leaves(part: object) -> Iterator[object]:
 def _scene_of(record: SceneRecord) -> Scene:
     """The valid scene of a record."""
     objects = [
-        SceneObject(item.name, item.shape, item.size, item.position, item.yaw)
+        SceneObject(
+            item.name,
+            item.shape,
+            item.size,
+            item.position,
+            item.yaw,
+            item.density,
+            item.friction,
+        )
         for item in record.objects
     ]
     region = record.goal.region
@@ -225,7 +233,15 @@ def _workcell_of(record: WorkcellRecord) -> Workcell:
 
 def _record_of(scene: Scene) -> SceneRecord:
     objects = tuple(
-        ObjectRecord(item.name, item.shape, item.size, item.position, item.yaw)
+        ObjectRecord(
+            item.name,
+            item.shape,
+            item.size,
+            item.position,
+            item.yaw,
+            item.density,
+            item.friction,
+        )
         for item in scene.objects
     )
     region = scene.goal.region

@@ -63,9 +63,6 @@ GOAL_THICKNESS = 0.001
 HOME_PENETRATION = 1e-3
 """Deepest penetration that is accepted in the initial state [m]."""
 
-OBJECT_DENSITY = 300.0
-"""Density of the objects [kg/m^3]."""
-
 
 def object_body_name(name: str) -> str:
     """Name of an object's body and geom in the model; distinct for distinct names, safe in XML."""
@@ -203,7 +200,7 @@ def _add_object(world: mujoco.MjsBody, item: SceneObject, color: Color) -> None:
         size=size,
         group=SOLID_GROUP,
         rgba=[*color, 1.0],
-        density=OBJECT_DENSITY,
+        density=item.density,
         condim=4,
     )
 

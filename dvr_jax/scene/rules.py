@@ -23,6 +23,12 @@ LARGEST_YAW = 1e3
 YAW_RANGE = (-LARGEST_YAW, LARGEST_YAW)
 """Valid yaws [rad]."""
 
+DENSITY_RANGE = (1.0, 25_000.0)
+"""Valid densities of objects [kg/m^3], up to more than that of any metal."""
+
+FRICTION_RANGE = (0.01, 10.0)
+"""Valid coefficients of friction of objects."""
+
 SIZE_RANGE = (SMALLEST_SIZE, LARGEST_SIZE)
 """Valid numbers of a body's size [m]."""
 

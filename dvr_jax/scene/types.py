@@ -6,6 +6,7 @@ records check nothing; `dvr_jax.scene.validation.validate_scene` and the factory
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from dvr_jax.geometry.footprint import Footprint
@@ -30,6 +31,13 @@ MAXIMUM_FIXED_BODIES = 16
 """A scene has at most this many fixed bodies."""
 
 
+USUAL_DENSITY = 300.0
+"""Density of an object whose scene states none [kg/m^3]: a box of cardboard that is partly full."""
+
+USUAL_FRICTION = 1.0
+"""Coefficient of friction of an object whose scene states none."""
+
+
 @dataclass(frozen=True, slots=True)
 class SceneObject:
     """A movable body that stands upright on the table."""
@@ -49,10 +57,23 @@ class SceneObject:
     yaw: float
     """Turn about the world's z axis [rad]."""
 
+    density: float = USUAL_DENSITY
+    """Density [kg/m^3]."""
+
+    friction: float = USUAL_FRICTION
+    """Coefficient of sliding friction on the table and between the pads of a gripper."""
+
     @property
     def kind(self) -> Shape:
         """The shape itself."""
         return shape_named(self.shape)
+
+    @property
+    def mass(self) -> float:
+        """Mass [kg]."""
+        hx, hy, hz, radius = self.kind.prism(self.size)
+        area = 4 * hx * hy + 4 * radius * (hx + hy) + math.pi * radius**2
+        return self.density * 2 * hz * area
 
     @property
     def height(self) -> float:

@@ -17,6 +17,8 @@ from dvr_jax.geometry.footprint import covers, fits, inside, signed_distance
 from dvr_jax.goals import OnRegion
 from dvr_jax.scene.rules import (
     ANY_NUMBER,
+    DENSITY_RANGE,
+    FRICTION_RANGE,
     LARGEST_SIZE,
     OVERLAP_TOLERANCE,
     SIZE_RANGE,
@@ -150,6 +152,8 @@ def _validate_body(
 def _validate_object(item: SceneObject, workcell: Workcell) -> None:
     what = f"the object {item.name!r}"
     _validate_body(what, item)
+    require_numbers(f"the density of {what}", (item.density,), 1, DENSITY_RANGE, "kg/m^3")
+    require_numbers(f"the friction of {what}", (item.friction,), 1, FRICTION_RANGE, "")
     if not inside(item.footprint, workcell.table.footprint):
         raise SceneError(
             f"{what} at {in_words(item.position)} reaches off the table, whose top is {table_in_words(workcell.table)}."

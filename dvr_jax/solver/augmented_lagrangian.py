@@ -419,7 +419,7 @@ def _next_status(
     is_optimal = (
         (settings.termination == Termination.OPTIMAL)
         & (residual <= settings.kkt_tolerance)
-        & (update.relative_violation <= 1)
+        & (update.relative_violation <= settings.violation_limit)
     )
     status = jnp.where(is_optimal, int(SolverStatus.OPTIMAL), status)
     return jnp.where(update.feasible, int(SolverStatus.FEASIBLE), status)

@@ -60,7 +60,8 @@ def best_of(
         residual: Its KKT residual.
         report: Numbers about it that the caller wants to keep.
     """
-    is_better = update.accepted & (update.relative_violation <= 1) & (update.cost < best.cost)
+    is_better = update.accepted & (update.cost < best.cost)
+    is_better &= update.relative_violation <= settings.violation_limit
     is_better &= settings.termination == Termination.OPTIMAL
     return jax.tree.map(
         lambda new, old: jnp.where(is_better, new, old),

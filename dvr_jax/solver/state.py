@@ -98,6 +98,10 @@ class Settings(NamedTuple):
     kkt_tolerance: float = 0.0
     """Largest KKT residual of an optimal point, a fraction of the cost (`dvr_jax.solver.optimality`)."""
 
+    violation_limit: float = 1.0
+    """Largest violation of an optimal point, and of the feasible point that a lane goes back to. An optimum uses up
+    whatever violation is allowed."""
+
     inner_limit: int = 6
     """A subproblem also ends after this number of iterations."""
 
@@ -145,9 +149,10 @@ OPTIMAL_SETTINGS = Settings(
     penalty_growth=4.0,
     penalty_limit=300.0,
     step_tolerance=1e-4,
-    step_damping=5e-2,
+    step_damping=5e-3,
     decrease_tolerance=2e-3,
     kkt_tolerance=5e-3,
+    violation_limit=0.3,
     inner_limit=8,
     damping=5e-2,
     damping_floor=1e-3,

@@ -18,6 +18,7 @@ from dvr_jax.execution.physics_model import build_execution_model
 from dvr_jax.motion.motion import Motion
 from dvr_jax.scene.layout import qpos_layout
 from dvr_jax.scene.mjcf import COLLISION_GROUP, LOOKS_GROUP, build_model, object_body_name
+from dvr_jax.scene.types import SceneObject
 from dvr_jax.workcell.robot import FINGERS
 from dvr_jax.workcell.workcell import Arm, Workcell
 
@@ -62,6 +63,21 @@ def test_friction_decides_whether_an_object_comes_along(carry: Case) -> None:
     assert slipping.deviation.cause in (DeviationCause.MISSED, DeviationCause.SLIPPED)
     lifts = carry.motion.time[carry.motion.switch[0]]
     assert lifts <= slipping.deviation.time < lifts + 1.0
+
+
+def test_an_object_has_the_friction_and_the_weight_of_its_scene(carry: Case) -> None:
+    """With the friction 0.01 the pads hold 1.4 N: the box of 1.2 N, but neither a box of 2.4 N nor a smoother one."""
+    box = carry.scene.objects[0]
+    slippery = replace(box, friction=0.01)
+    assert executed(_with_object(carry, slippery)).succeeded
+    assert not executed(_with_object(carry, replace(slippery, density=2 * box.density))).succeeded
+    smoother = ExecutionConditions(friction=0.5)
+    assert not executed(_with_object(carry, slippery), smoother).succeeded
+
+
+def _with_object(case: Case, item: SceneObject) -> Case:
+    """The case with another first object."""
+    return replace(case, scene=replace(case.scene, objects=(item, *case.scene.objects[1:])))
 
 
 def with_travel(case: Case, samples: slice, travel: float) -> Case:
@@ -251,7 +267,6 @@ def test_resting_arms_and_objects_stay_where_they_are(carry: Case) -> None:
     [
         ({"friction": -0.1}, "the friction is -0.1; valid is 0 to 10."),
         ({"friction": float("nan")}, "the friction is nan"),
-        ({"density": 0.0}, "the density is 0 kg/m.3; valid is 1 to 25000 kg/m.3."),
         ({"grip_force": 71.0}, "the grip force is 71 N; valid is 1 to 70 N."),
         ({"object_noise": 1.0}, "the object noise is 1 m; valid is 0 to 0.1 m."),
         ({"seed": -1}, "the seed is -1; valid is 0 or more."),

@@ -122,8 +122,8 @@ def test_linearized_constraints_allow_hardly_any_decrease(optimized: Optimized) 
     """A quadratic program by SciPy with derivatives by central differences: neither is the solver's.
 
     The program is to minimize ``g.d + 1/2 d.H d`` with the gradient g and the Hessian H of the cost, subject to the
-    linearized constraints. By duality its minimum is ``-1/2 |L^-1 (g + J^T y)|^2`` with the multipliers y that make this
-    norm least, and ``H = L L^T``. At a KKT point it is zero.
+    linearized constraints. By duality its minimum is ``-1/2 |L^-1 (g + J^T y)|^2`` with the multipliers y that make
+    this norm least, and ``H = L L^T``. At a KKT point it is zero.
     """
     decreases = []
     with jax.enable_x64(True):

@@ -75,7 +75,7 @@ def make_plan(
         actions=actions,
         motion=motion,
         report=CheckReport(True, (), 1e-4, samples, float(motion.time[-1] - motion.time[0])),
-        path=PathQuality("optimal", 0.1, 1e-3, 40),
+        path=PathQuality("optimal", 0.1, 0.01, 1e-3, 40),
         violations={"position": 1e-4 / 3},
         seconds=SECONDS,
         nlps={"path": 1},

@@ -279,6 +279,17 @@ def test_objects_stand_where_the_scene_says_and_stay(model: mujoco.MjModel) -> N
     np.testing.assert_allclose(goal.size[:2], np.array(REGION.size) / 2)
 
 
+def test_objects_have_the_mass_that_mujoco_computes() -> None:
+    objects = (
+        SceneObject("box", "box", (0.05, 0.2, 0.1), (-0.3, 0.1), 0.3, density=700.0),
+        SceneObject("can", "cylinder", (0.03, 0.12), (0.2, -0.1), 0.0, density=2700.0),
+    )
+    model = build_model(replace(SCENE, objects=objects, goal=replace(SCENE.goal, object="box")))
+    for item in objects:
+        assert item.mass == pytest.approx(float(model.body(object_body_name(item.name)).mass[0]))
+    assert objects[0].mass == pytest.approx(0.7)
+
+
 def test_names_of_objects_never_clash() -> None:
     names = ["a b", "a%20b", "a+b", "left/hand", "table", "goal", "A b", "a/b"]
     objects = [

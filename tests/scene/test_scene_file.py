@@ -139,6 +139,18 @@ def test_properties() -> None:
         scene.object_index("blue")
 
 
+def test_density_and_friction_come_back_and_may_be_left_out() -> None:
+    heavy = scene_from_json(
+        changed("objects.0.density", 7850).replace('"yaw": 0.0', '"yaw": 0.0, "friction": 0.4')
+    )
+    assert (heavy.objects[0].density, heavy.objects[0].friction) == (7850.0, 1.0)
+    assert (heavy.objects[1].density, heavy.objects[1].friction) == (300.0, 0.4)
+    assert scene_from_json(scene_to_json(heavy)) == heavy
+    usual = scene_to_json(scene_from_json(json.dumps(RECORD)))
+    assert "density" not in usual
+    assert "friction" not in usual
+
+
 def test_home_of_one_arm(tmp_path: Any) -> None:
     posture = [0.1, -0.5, 0.0, -2.0, 0.0, 1.5, 0.7]
     record = RECORD | {"home": {"right": posture}}
@@ -192,7 +204,7 @@ def test_the_shipped_scene_is_valid() -> None:
         ),
         (
             changed("objects.0.mass", 1),
-            r"objects\[0\]: .*`mass`; valid keys are name, shape, size, position, yaw",
+            r"objects\[0\]: .*`mass`; valid keys are name, shape, size, position, yaw, density, friction",
         ),
         (changed("goal.mass", 1), "goal: .*`mass`; valid keys are object, region"),
         (
@@ -262,6 +274,15 @@ def test_the_shipped_scene_is_valid() -> None:
             json.dumps(RECORD) + "\n" + json.dumps(RECORD),
             "not valid JSON .*valid is one scene, and in a file of scenes",
         ),
+        (
+            changed("objects.0.density", 0),
+            r"density of the object 'yellow' is .*at least 1 and at most 25000 kg/m\^3",
+        ),
+        (
+            changed("objects.1.friction", -0.5),
+            "friction of the object 'can' is .*at least 0.01 and at most 10",
+        ),
+        (changed("objects.1.friction", "low"), r"objects\[1\].friction: Expected `float`"),
         (changed("objects.1.position", [-0.4, 0.1]), "'yellow' and 'can' overlap by"),
         (changed("goal.object", "blue"), "goal's object is 'blue'; the scene has 'yellow', 'can'"),
         (changed("goal.region.position", [1.0, 0.2]), "goal region at .* reaches off the table"),

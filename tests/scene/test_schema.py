@@ -30,7 +30,15 @@ OBJECT = {
     "position": [-0.4, 0.1],
     "yaw": 0.3,
 }
-CAN = {"name": "can", "shape": "cylinder", "size": [0.03, 0.12], "position": [0.2, -0.1], "yaw": 0}
+CAN = {
+    "name": "can",
+    "shape": "cylinder",
+    "size": [0.03, 0.12],
+    "position": [0.2, -0.1],
+    "yaw": 0,
+    "density": 1000,
+    "friction": 0.5,
+}
 GOAL = {"object": "yellow", "region": {"position": [0.3, 0.2], "yaw": 0.1, "size": [0.24, 0.22]}}
 POSTURE = [0.1, -0.5, 0.0, -2.0, 0.0, 1.5, 0.7]
 FIRST: dict[str, Any] = {
