@@ -5,6 +5,7 @@ the targets r_t and weights w_t of the regularization, and with the weights v_k 
 
     cost = 1/2 sum_t w_t (q_t - r_t)^2  +  1/2 ACCELERATION_WEIGHT sum_t a_t^2  +  1/2 sum_k v_k m_k^2.
 
+The regularization leads to a feasible point near the start; without it, the other two sums lead to an optimal one.
 The second sum belongs to paths only. The last one prefers steep grasps near the center of an object
 (`dvr_jax.operators.grasp`); it is no part of the objective of the paper.
 """
@@ -46,7 +47,7 @@ def cost(problem: Problem, x: Variables) -> Float[Array, ""]:
     value = 0.5 * jnp.sum(
         problem.regularization_weight * (x.q - problem.regularization_target) ** 2
     )
-    value += 0.5 * jnp.sum(problem.preference * x.m**2)
+    value += 0.5 * problem.preference_scale * jnp.sum(problem.preference * x.m**2)
     if x.q.shape[0] > x.m.shape[0]:
         value += 0.5 * ACCELERATION_WEIGHT * jnp.sum(accelerations(problem, x.q) ** 2)
     return value
@@ -89,7 +90,7 @@ def add_cost(
     weight = problem.regularization_weight
     diagonal = parts.joint_diagonal + weight
     gradient = parts.gradient_q + gradient_scale * weight * (x.q - problem.regularization_target)
-    preference = problem.preference.reshape(-1)
+    preference = problem.preference_scale * jnp.reshape(problem.preference, -1)
     parts = parts._replace(
         corner=parts.corner + jnp.diag(preference),
         gradient_m=parts.gradient_m + gradient_scale * preference * x.m.reshape(-1),

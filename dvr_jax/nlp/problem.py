@@ -109,6 +109,9 @@ class Problem(NamedTuple):
     preference: Float[Array, "*batch phases 4"]
     """Weights of the squared mode parameters in the cost [1/m^2 or 1/rad^2]; they do not affect feasibility."""
 
+    preference_scale: Float[Array, "*batch"]
+    """Factor of these weights: 1 where an optimal path is sought, 0 where a feasible point will do."""
+
     support: Float[Array, "*batch phases 5"]
     """Rectangle on which the object is placed: center x, y [m], yaw [rad], half extents [m]; zeros for a grasp."""
 

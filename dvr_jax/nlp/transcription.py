@@ -86,6 +86,7 @@ def transcribe(
         parameter_lower=_floats([switch.lower for switch in switches], PARAMETERS),
         parameter_upper=_floats([switch.upper for switch in switches], PARAMETERS),
         preference=_floats([switch.preference for switch in switches], PARAMETERS),
+        preference_scale=np.zeros(()),
         support=_floats([_support_numbers(switch.support) for switch in switches], 5),
         phase_clearance=clearance,
         clearance=clearance[:-1, PhasePart.END],

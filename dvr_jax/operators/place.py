@@ -90,7 +90,7 @@ def _clear_rectangle(scene: Scene, name: str, support: str) -> Rectangle:
         min(width - hy - radius, depth - hx - radius),
     )
     left = max(room / 4, PLACING_ROOM)
-    edge = min(scene.workcell.clearances.region_edge, room - left)
+    edge = max(min(scene.workcell.clearances.region_edge, room - left), 0.0)
     return Rectangle(rectangle.center, (width - edge, depth - edge), rectangle.yaw)
 
 

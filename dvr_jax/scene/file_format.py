@@ -27,7 +27,6 @@ from typing import Literal
 import msgspec
 
 from dvr_jax.errors import SceneError
-from dvr_jax.scene.types import USUAL_DENSITY, USUAL_FRICTION
 
 Record = msgspec.Struct
 
@@ -40,8 +39,8 @@ class ObjectRecord(Record, forbid_unknown_fields=True, omit_defaults=True):
     size: tuple[float, ...]
     position: tuple[float, float]
     yaw: float
-    density: float = USUAL_DENSITY
-    friction: float = USUAL_FRICTION
+    density: float | None = None
+    friction: float | None = None
 
 
 class RegionRecord(Record, forbid_unknown_fields=True):

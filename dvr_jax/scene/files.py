@@ -26,7 +26,15 @@ from dvr_jax.scene.file_format import (
     decode_scene,
     encode_scene,
 )
-from dvr_jax.scene.types import FixedBody, OnRegion, Region, Scene, SceneObject
+from dvr_jax.scene.types import (
+    USUAL_DENSITY,
+    USUAL_FRICTION,
+    FixedBody,
+    OnRegion,
+    Region,
+    Scene,
+    SceneObject,
+)
 from dvr_jax.scene.validation import make_scene, validate_scene
 from dvr_jax.workcell.robot import Robot, robot_named
 from dvr_jax.workcell.workcell import DEFAULT_WORKCELL, Arm, Table, Workcell
@@ -176,8 +184,8 @@ def _scene_of(record: SceneRecord) -> Scene:
             item.size,
             item.position,
             item.yaw,
-            item.density,
-            item.friction,
+            USUAL_DENSITY if item.density is None else item.density,
+            USUAL_FRICTION if item.friction is None else item.friction,
         )
         for item in record.objects
     ]
@@ -239,8 +247,8 @@ def _record_of(scene: Scene) -> SceneRecord:
             item.size,
             item.position,
             item.yaw,
-            item.density,
-            item.friction,
+            None if item.density == USUAL_DENSITY else item.density,
+            None if item.friction == USUAL_FRICTION else item.friction,
         )
         for item in scene.objects
     )

@@ -137,14 +137,17 @@ def path_problem(problem: Problem, start: Variables, samples: int = PATH_SAMPLES
 
 
 def optimal_path_problem(problem: Problem, path: Variables) -> Problem:
-    """Return the path NLP of a sequence whose cost is that of the paper alone, the squared accelerations.
+    """Return the path NLP whose solution is an optimal path: without a pull to the start, with preferred grasps.
 
     Args:
         problem: Keyframe NLP.
         path: A path on whose interpolated motion the distances are evaluated at first.
     """
     pulled = path_problem(problem, path)
-    return pulled._replace(regularization_weight=np.zeros_like(pulled.regularization_weight))
+    return pulled._replace(
+        regularization_weight=np.zeros_like(pulled.regularization_weight),
+        preference_scale=np.ones_like(pulled.preference_scale),
+    )
 
 
 def _path_clearances(problem: Problem, steps: int) -> Float[np.ndarray, "slices body_rows"]:

@@ -266,6 +266,18 @@ class _Step(NamedTuple):
     """Derivative of the augmented Lagrangian along the step."""
 
 
+def shortens_step(settings: Settings, state: SolverState, update: TrialUpdate) -> Array:
+    """Return whether a lane shortens its step, for which no system is needed.
+
+    Args:
+        settings: Settings of the method.
+        state: The lane.
+        update: The verdict on its trial point.
+    """
+    may_shorten = (state.backtracks < settings.backtrack_limit) & ~jnp.isinf(state.value)
+    return ~update.accepted & may_shorten
+
+
 def next_trial(
     settings: Settings,
     state: SolverState,
@@ -301,7 +313,7 @@ def next_trial(
     )
 
     # A refused step is shortened, or else computed again with more damping.
-    shortens = ~update.accepted & ~first & (state.backtracks < settings.backtrack_limit)
+    shortens = shortens_step(settings, state, update)
     found = _find_step(settings, system, damping, solve, slope)
     found = jax.tree.map(
         lambda short, new: jnp.where(shortens, short, new),

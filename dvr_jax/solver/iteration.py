@@ -45,7 +45,7 @@ from dvr_jax.nlp.slices import NormalEquations, SliceGeometry, Slices, measure, 
 from dvr_jax.nlp.system import BorderedSystem
 from dvr_jax.runtime.batch_sizes import batch_sizes
 from dvr_jax.runtime.compilation import Program
-from dvr_jax.solver.augmented_lagrangian import judge_trial, next_trial, trial_point
+from dvr_jax.solver.augmented_lagrangian import judge_trial, next_trial, shortens_step, trial_point
 from dvr_jax.solver.banded import solve_bordered
 from dvr_jax.solver.state import (
     BestPoint,
@@ -257,6 +257,7 @@ def advance(
     trials: TrialEvaluation,
     chunks: tuple[NormalEquations, ...],
     horizon: Horizon,
+    needs_systems: Array,
 ) -> tuple[SolverState, tuple[Slices, ...]]:
     """Assemble and solve the Gauss-Newton system of every running lane, which gives its next trial point.
 
@@ -267,6 +268,7 @@ def advance(
         trials: Evaluation of their trial points.
         chunks: Contributions of the active distances of each chunk of slices to the systems.
         horizon: Sizes of the NLPs.
+        needs_systems: Whether any lane needs its system (`needs_any_system`).
 
     Returns:
         The new states, and the slices of the next trial points, cut into chunks.
@@ -286,15 +288,24 @@ def advance(
         """Compute the next state of one lane."""
         update = trial.update
         restoring = update.restoration == RestorationPhase.DURING
-        system = gauss_newton_system(
-            problem,
-            trial_point(state),
-            {**trial.jacobians, COLLISION.name: distances},
-            unflatten(FlatResiduals(*update.multiplier_estimate), horizon),
-            unflatten(FlatResiduals(*update.active_penalty), horizon),
-            gradient_scale=jnp.where(restoring, 0.0, 1.0),
+
+        def assemble() -> BorderedSystem:
+            return gauss_newton_system(
+                problem,
+                trial_point(state),
+                {**trial.jacobians, COLLISION.name: distances},
+                unflatten(FlatResiduals(*update.multiplier_estimate), horizon),
+                unflatten(FlatResiduals(*update.active_penalty), horizon),
+                gradient_scale=jnp.where(restoring, 0.0, 1.0),
+            )
+
+        def solve_if_needed(system: BorderedSystem, damping: Array) -> Variables:
+            return jax.lax.cond(needs_systems, lambda: _solve(system, damping), lambda: state.step)
+
+        system = jax.lax.cond(needs_systems, assemble, lambda: state.system)
+        return next_trial(
+            settings, state, update, system, trial.violations, solve_if_needed, _slope
         )
-        return next_trial(settings, state, update, system, trial.violations, _solve, _slope)
 
     new = jax.vmap(advance_lane)(problems, states, trials, distances)
     is_running = states.status == SolverStatus.RUNNING
@@ -339,15 +350,35 @@ def step(
         The new states, and the slices of the next trial points, cut into chunks.
     """
     trials, active = materialize(evaluate_trials(model, problems, settings, states, chunks))
-    reduced = materialize(
-        tuple(
+    needs_systems = needs_any_system(settings, states, trials.update)
+
+    def reduce_all() -> tuple[NormalEquations, ...]:
+        return tuple(
             reduce_slices(model, chunk, collisions.multiplier_estimate, collisions.active_penalty)
             for chunk, collisions in zip(chunks, active, strict=True)
         )
-    )
-    return advance(
-        problems, settings, states, trials, reduced, horizon_of(model, problems, states.x)
-    )
+
+    def reduce_nothing() -> tuple[NormalEquations, ...]:
+        return jax.tree.map(
+            lambda result: jnp.zeros(result.shape, result.dtype), jax.eval_shape(reduce_all)
+        )
+
+    # Derivatives are computed only if a lane needs them; one that shortens its step does not.
+    reduced = materialize(jax.lax.cond(needs_systems, reduce_all, reduce_nothing))
+    horizon = horizon_of(model, problems, states.x)
+    return advance(problems, settings, states, trials, reduced, horizon, needs_systems)
+
+
+def needs_any_system(settings: Settings, states: SolverState, updates: TrialUpdate) -> Array:
+    """Return whether any running lane needs a new system: all do but those that shorten their steps.
+
+    Args:
+        settings: Settings of the method.
+        states: States of the lanes.
+        updates: Verdicts on their trial points.
+    """
+    shortens = shortens_step(settings, states, updates)
+    return jnp.any((states.status == SolverStatus.RUNNING) & ~shortens)
 
 
 def iterate(

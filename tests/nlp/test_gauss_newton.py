@@ -138,6 +138,8 @@ class Lagrangian:
         """By the definition in the modules' docstrings, term by term."""
         weight, target = self.problem.regularization_weight, self.problem.regularization_target
         total = np.sum(weight * (x.q - target) ** 2) / 2
+        preference = self.problem.preference_scale * self.problem.preference
+        total += np.sum(preference * x.m**2) / 2
         if self.S > 1:
             total += 0.5 * ACCELERATION_WEIGHT * np.sum(second_differences(self.problem, x.q) ** 2)
         for name, value in rows.items():
@@ -405,7 +407,19 @@ def test_contribution_of_the_cost(lagrangian: Lagrangian, gradient_scale: float)
     )
     n = lagrangian.x.q.size
     np.testing.assert_allclose(written_out(system)[:n, :n], hessian, rtol=1e-10, atol=1e-12)
-    assert not np.asarray(system.gradient_m).any()
+
+    # The mode parameters: pinned ones have no gradient, and a unit row in the matrix.
+    problem = lagrangian.problem
+    by_parameters = jax.grad(lambda m: cost(problem, lagrangian.x._replace(m=m)))(lagrangian.x.m)
+    is_free = np.ravel(problem.parameter_upper > problem.parameter_lower)
+    np.testing.assert_allclose(
+        system.gradient_m,
+        gradient_scale * is_free * np.ravel(by_parameters),
+        rtol=1e-10,
+        atol=1e-12,
+    )
+    weights = np.ravel(problem.preference_scale * problem.preference)
+    np.testing.assert_allclose(system.corner, np.diag(np.where(is_free, weights, 1)), rtol=1e-10)
 
 
 def test_gradient(lagrangian: Lagrangian) -> None:
@@ -427,7 +441,11 @@ def test_gauss_newton_matrix(lagrangian: Lagrangian) -> None:
     assert 0.3 < share < 0.7
 
     def scaled(x: Variables, rows: Rows) -> Floats:
-        parts = [np.ravel(np.sqrt(lagrangian.problem.regularization_weight) * x.q)]
+        problem = lagrangian.problem
+        parts = [
+            np.ravel(np.sqrt(problem.regularization_weight) * x.q),
+            np.ravel(np.sqrt(problem.preference_scale * problem.preference) * x.m),
+        ]
         if lagrangian.S > 1:
             parts.append(
                 np.sqrt(ACCELERATION_WEIGHT) * np.ravel(second_differences(lagrangian.problem, x.q))
@@ -451,9 +469,13 @@ def test_without_the_costs_gradient(lagrangian: Lagrangian) -> None:
     """As in a restoration: the gradient of the constraints alone, and the same matrix."""
     whole, restoring = lagrangian.system(), lagrangian.system(gradient_scale=0.0)
     np.testing.assert_array_equal(written_out(restoring), written_out(whole))
-    own = jax.grad(lambda q: cost(lagrangian.problem, lagrangian.x._replace(q=q)))(lagrangian.x.q)
-    np.testing.assert_allclose(whole.gradient_q - restoring.gradient_q, own, rtol=1e-9, atol=1e-9)
-    np.testing.assert_array_equal(whole.gradient_m, restoring.gradient_m)
+    own = jax.grad(lambda x: cost(lagrangian.problem, x))(lagrangian.x)
+    is_free = np.ravel(lagrangian.problem.parameter_upper > lagrangian.problem.parameter_lower)
+    for found, expected in (
+        (whole.gradient_q - restoring.gradient_q, own.q),
+        (whole.gradient_m - restoring.gradient_m, is_free * np.ravel(own.m)),
+    ):
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
 
 
 def test_pinned_parameters_do_not_move(lagrangian: Lagrangian) -> None:

@@ -217,6 +217,7 @@ def make_case(
     problems = problems._replace(
         regularization_target=problems.home[:, None] + generator.normal(size=q.shape) * 0.2,
         regularization_weight=generator.uniform(0.1, 0.5, q.shape),
+        preference_scale=np.ones_like(problems.preference_scale),
         # A clearance of its own for every row of every slice.
         clearance=generator.uniform(0.0, 0.01, (B, K * steps, problems.clearance.shape[-1])),
     )
