@@ -47,8 +47,9 @@ class PlanOptions:
     """Seconds after which the search gives up. A machine's first plan compiles for most of a minute, which counts."""
     clearance: float = 1.0
     """Factor of the distances that bodies keep, from 0 to 3."""
-    termination: Literal["optimal", "feasible"] = "optimal"
-    """Optimize the path until it satisfies the KKT conditions (optimal), or take the first feasible one (feasible)."""
+    termination: Literal["feasible", "optimal"] = "feasible"
+    """Take the first feasible path (feasible), or optimize it until it satisfies the KKT conditions (optimal), which
+    takes longer."""
     out: Path | None = None
     """Folder for plan.json, trajectory.npz, scene.xml, film.png, depth.png and plan.gif; it is made if missing."""
     animation: bool = True

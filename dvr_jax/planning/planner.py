@@ -54,7 +54,7 @@ def plan(
     operators: Sequence[Operator] = OPERATORS,
     checks: Sequence[OperatorCheck] = CHECKS,
     clearance: float = 1.0,
-    termination: str = "optimal",
+    termination: str = "feasible",
 ) -> Plan:
     """Find a sequence of actions that solves a scene, and a motion that carries it out and passes the check.
 
@@ -73,8 +73,8 @@ def plan(
         operators: Operators that the plan may consist of.
         checks: The operators' counterparts in the independent check, one for each operator.
         clearance: Factor of the workcell's clearances, from 0 to 3.
-        termination: "optimal" if the path is optimized until it satisfies the KKT conditions, or "feasible" if the
-            first feasible path will do.
+        termination: "feasible" if the first feasible path will do, or "optimal" if the path is optimized until it
+            satisfies the KKT conditions, which takes longer.
 
     Returns:
         The plan. Its status says whether a motion was found, and if not, why the search ended.

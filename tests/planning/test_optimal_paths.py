@@ -68,7 +68,7 @@ def optimized() -> Optimized:
         patch.setattr(NodeSolver, "optimize_path", record)
         for scene in sample_scenes(10, objects=2, seed=12):
             recorded.clear()
-            result = plan(scene, "mbts")
+            result = plan(scene, "mbts", termination="optimal")
             is_optimal = result.path is not None and result.path.termination == "optimal"
             if len(result.actions) == 2 and is_optimal:
                 return Optimized(result, *recorded[-1])
@@ -189,8 +189,8 @@ def _linearized(evaluate, problem: Problem, x: Variables) -> tuple[Floats, Float
     )
 
 
-def test_a_feasible_path_suffices_if_asked_for(optimized: Optimized) -> None:
-    found = plan(optimized.plan.scene, "mbts", termination="feasible")
+def test_by_default_a_feasible_path_suffices(optimized: Optimized) -> None:
+    found = plan(optimized.plan.scene, "mbts")
     assert found.path is not None
     assert found.path.termination == "feasible"
     assert "optimum" not in found.nlps
