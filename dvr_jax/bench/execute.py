@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from concurrent.futures import as_completed
 from dataclasses import dataclass
+from typing import Literal
 
 import tyro
 
@@ -33,6 +34,8 @@ class ExecuteOptions(ScenesOptions):
 
     search: str = "dvr"
     """dvr, classifier, mbts or bfs."""
+    termination: Literal["feasible", "optimal"] = "feasible"
+    """Whether plans take the first feasible path or an optimal one."""
     object_noise: float = 0.0
     """Standard deviation of the initial displacement of each object along x and along y [mm]."""
     friction: tuple[float, float] = (1.0, 1.0)
@@ -45,7 +48,7 @@ class ExecuteOptions(ScenesOptions):
 
 def _execute_one(options: ExecuteOptions, index: int) -> Row:
     """Plan a scene and execute the plan; the row of the results file."""
-    plan = plan_scene(options, index)
+    plan = plan_scene(options, index, options.termination)
     row: Row = {"scene": index, "status": str(plan.status), "length": len(plan.actions)}
     if plan.motion is None:
         return row

@@ -135,12 +135,13 @@ def prepare_worker(options: ScenesOptions) -> None:
         warm_up(scene, options.k_max, network)
 
 
-def plan_scene(options: ScenesOptions, index: int) -> Plan:
+def plan_scene(options: ScenesOptions, index: int, termination: str = "feasible") -> Plan:
     """Plan one of the scenes.
 
     Args:
         options: The scenes, and how they are planned.
         index: Number of the scene.
+        termination: "feasible" or "optimal", the termination of paths.
     """
     return plan(
         _scene(options, index),
@@ -149,6 +150,7 @@ def plan_scene(options: ScenesOptions, index: int) -> Plan:
         seed=0,
         time_limit=options.time_limit,
         network=load_search_network(options.search, options.network),
+        termination=termination,
     )
 
 

@@ -45,7 +45,8 @@ class Plan:
     rejected: int
     """Number of feasible paths that the independent check refused."""
     options: dict[str, object] = field(default_factory=dict)
-    """Search, k_max, seed, checksum of the network (None without one) and time limit (None if infinite) [s]."""
+    """Search, k_max, seed, checksum of the network (None without one), time limit (None if infinite) [s], factor of the
+    clearances, and termination of the path."""
     operators: tuple[Operator, ...] = OPERATORS
     """Operators of the actions; they are not compared and not written to disk."""
 

@@ -181,11 +181,7 @@ def judge_trial(
     moved = _largest(state.step)
     feasible = accepted & (relative_violation <= 1) & (moved <= settings.final_step)
     feasible &= settings.termination == Termination.FEASIBLE
-    promises_little = state.predicted_decrease <= settings.decrease_tolerance * jnp.abs(cost)
-    is_small = (moved <= settings.step_tolerance) | promises_little
-    is_small &= state.damping <= settings.step_damping
-    is_last = state.inner_iterations + 1 >= settings.inner_limit
-    ended = accepted & ~first & ~restoring & (is_small | is_last)
+    ended = accepted & ~first & ~restoring & _ends_subproblem(settings, state, moved, cost)
     restoration = _next_phase(settings, state, accepted, ended, relative_violation)
 
     # The multiplier update takes the rows at hand: x has just become the trial point.
@@ -219,6 +215,15 @@ def judge_trial(
         updates_without_progress=jnp.where(ended, without_progress, state.updates_without_progress),
         restoration=restoration,
     )
+
+
+def _ends_subproblem(settings: Settings, state: SolverState, moved: Array, cost: Array) -> Array:
+    """Return whether a subproblem ends with the present step, if that is accepted."""
+    promises_little = state.predicted_decrease <= settings.decrease_tolerance * jnp.abs(cost)
+    is_small = (moved <= settings.step_tolerance) | promises_little
+    is_small &= state.damping <= settings.step_damping
+    is_last = state.inner_iterations + 1 >= settings.inner_limit
+    return is_small | is_last
 
 
 def _shortening(state: SolverState, value: Array) -> Array:
@@ -303,8 +308,8 @@ def next_trial(
     turned = update.restoration != state.restoration
 
     # The trial point and everything that is known of it take the place of the old point, if the point was accepted.
-    x, value, system, report = jax.tree.map(
-        lambda new, old: jnp.where(update.accepted, new, old),
+    x, value, system, report = _choose(
+        update.accepted,
         (trial_point(state), update.value, system, report),
         (state.x, state.value, state.system, state.report),
     )
@@ -314,11 +319,10 @@ def next_trial(
 
     # A refused step is shortened, or else computed again with more damping.
     shortens = shortens_step(settings, state, update)
-    found = _find_step(settings, system, damping, solve, slope)
-    found = jax.tree.map(
-        lambda short, new: jnp.where(shortens, short, new),
+    found = _choose(
+        shortens,
         _shortened_step(state, update.shortening),
-        found,
+        _find_step(settings, system, damping, solve, slope),
     )
 
     # If the system was indefinite, an infinite value makes the next trial point be accepted whatever its value is. If
@@ -329,20 +333,20 @@ def next_trial(
 
     # The KKT residual belongs to the trial point, and is not known if that was refused.
     residual = kkt_residual(settings, update, found.predicted_decrease, found.damping)
-    best_point = best_of(settings, state.best, update, x, residual, report)
+    point = BestPoint(x, update.cost, residual, report)
+    best_point = best_of(settings, state.best, point, update)
     status = _next_status(settings, state, update, best, first & ~jnp.isfinite(value), residual)
-    ended = BestPoint(x, update.cost, residual, report)
-    ended, status = final_point(settings, ended, best_point, status)
+    point, status = final_point(settings, point, best_point, status)
     return SolverState(
-        x=ended.x,
+        x=point.x,
         step=found.step,
         multipliers=update.multipliers,
         penalty=update.penalty,
         damping=found.damping,
         value=value_after,
         system=system,
-        report=ended.report,
-        kkt_residual=ended.kkt_residual,
+        report=point.report,
+        kkt_residual=point.kkt_residual,
         predicted_decrease=found.predicted_decrease,
         slope=found.slope,
         backtracks=jnp.where(shortens, state.backtracks + 1, 0),
@@ -435,6 +439,11 @@ def _next_status(
     )
     status = jnp.where(is_optimal, int(SolverStatus.OPTIMAL), status)
     return jnp.where(update.feasible, int(SolverStatus.FEASIBLE), status)
+
+
+def _choose(condition: Array, first: Any, second: Any) -> Any:
+    """Return the first of two pytrees of the same structure if the condition holds, else the second one."""
+    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), first, second)
 
 
 def _zero_if(condition: Array, values: Any) -> Any:

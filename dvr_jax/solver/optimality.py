@@ -19,8 +19,6 @@ With much damping the first term is small at any point. The residual therefore c
 
 from __future__ import annotations
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 
@@ -48,26 +46,20 @@ def kkt_residual(
 
 
 def best_of(
-    settings: Settings, best: BestPoint, update: TrialUpdate, x: Any, residual: Array, report: Any
+    settings: Settings, best: BestPoint, trial: BestPoint, update: TrialUpdate
 ) -> BestPoint:
     """Return the trial point if it is feasible and of less cost than the best point so far, else that point.
 
     Args:
         settings: Settings of the method.
         best: The best point so far.
+        trial: The trial point, if it was accepted.
         update: The verdict on the trial point.
-        x: The trial point.
-        residual: Its KKT residual.
-        report: Numbers about it that the caller wants to keep.
     """
-    is_better = update.accepted & (update.cost < best.cost)
+    is_better = update.accepted & (trial.cost < best.cost)
     is_better &= update.relative_violation <= settings.violation_limit
     is_better &= settings.termination == Termination.OPTIMAL
-    return jax.tree.map(
-        lambda new, old: jnp.where(is_better, new, old),
-        BestPoint(x, update.cost, residual, report),
-        best,
-    )
+    return jax.tree.map(lambda new, old: jnp.where(is_better, new, old), trial, best)
 
 
 def final_point(

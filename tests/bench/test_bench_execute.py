@@ -25,7 +25,7 @@ def plans(monkeypatch: pytest.MonkeyPatch) -> list[Plan]:
         plan_of(case, with_closed_fingers(case)),
         plan_of(case, None),
     ]
-    monkeypatch.setattr(execute, "plan_scene", lambda options, index: found[index])
+    monkeypatch.setattr(execute, "plan_scene", lambda options, index, termination: found[index])
     return found
 
 
