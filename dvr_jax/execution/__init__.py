@@ -4,9 +4,11 @@ The independent check (`dvr_jax.checker`) is kinematic: it assumes that a closed
 decide. The arms follow the motion by their joint servos, the fingers squeeze, and nothing corrects what goes wrong.
 """
 
+from dvr_jax.execution.backend import PhysicsBackend
 from dvr_jax.execution.conditions import ExecutionConditions
-from dvr_jax.execution.executor import Execution, execute
+from dvr_jax.execution.executor import execute
 from dvr_jax.execution.report import Deviation, DeviationCause, ExecutionReport
+from dvr_jax.execution.task import Execution
 
 __all__ = [
     "Deviation",
@@ -14,5 +16,6 @@ __all__ = [
     "Execution",
     "ExecutionConditions",
     "ExecutionReport",
+    "PhysicsBackend",
     "execute",
 ]

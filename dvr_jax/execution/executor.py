@@ -1,31 +1,28 @@
-"""Execution of a motion in MuJoCo, open loop, and the comparison with what the plan wants."""
+"""Execution of a motion in MuJoCo C, open loop, and the comparison with what the plan wants."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 from jaxtyping import Float
 
 from dvr_jax.checker.operators import CHECKS, OperatorCheck
-from dvr_jax.checker.replay import validate_fit
-from dvr_jax.checker.timeline import attachment_timeline
-from dvr_jax.execution.commands import ServoCommands, grip_intervals, servo_commands
+from dvr_jax.execution.commands import ServoCommands, servo_commands
 from dvr_jax.execution.conditions import ExecutionConditions
-from dvr_jax.execution.diagnosis import ExecutedMotion, differences, find_deviation
-from dvr_jax.execution.goal import goal_holds
 from dvr_jax.execution.physics_model import build_execution_model
-from dvr_jax.execution.report import ExecutionReport, ObjectResult
+from dvr_jax.execution.task import (
+    Execution,
+    ExecutionTask,
+    SimulatedStates,
+    first_state,
+    judge,
+    prepare_task,
+)
 from dvr_jax.logic import Action
 from dvr_jax.motion.motion import Motion
-from dvr_jax.scene.layout import Layout, qpos_layout
 from dvr_jax.scene.types import Scene
-
-SETTLING = 1.5
-"""Time for which the scene is left alone after the motion [s]."""
 
 DIVERGENCE = (
     mujoco.mjtWarning.mjWARN_BADQPOS,
@@ -36,20 +33,6 @@ DIVERGENCE = (
 
 NOMINAL = ExecutionConditions()
 """Conditions without noise."""
-
-
-@dataclass(frozen=True, slots=True)
-class Execution:
-    """An executed motion."""
-
-    report: ExecutionReport
-    """What became of the plan."""
-
-    time: Float[np.ndarray, " records"]
-    """Times of the recorded states [s]."""
-
-    qpos: Float[np.ndarray, "records nq"]
-    """Recorded states: at the samples of the motion, and as often while the scene settles."""
 
 
 def execute(
@@ -74,76 +57,36 @@ def execute(
     Raises:
         MotionError: The motion's arrays do not fit the scene, or an action does not apply where it stands.
     """
-    validate_fit(scene, actions, motion)
-    layout = qpos_layout(scene)
-    timeline = attachment_timeline(scene, actions, motion, operators)
-    grips = grip_intervals(motion, timeline, layout)
-
+    task = prepare_task(scene, actions, motion, operators)
     model = build_execution_model(scene, conditions)
-    time = motion.step * np.arange(len(motion.time) + math.ceil(SETTLING / motion.step))
-    commands = servo_commands(model, scene, motion, grips, conditions, float(time[-1]))
+    commands = servo_commands(model, scene, motion, task.grips, conditions, task.duration)
     # Without a handler, MuJoCo writes its warnings into a file in the working folder; here they end up in the report.
     mujoco.set_mju_user_warning(lambda warning: None)
     try:
-        simulated = _simulate(model, commands, _first_state(motion, layout, conditions), time)
+        simulated = _simulate(model, commands, first_state(task, conditions), task)
     finally:
         mujoco.set_mju_user_warning(None)
-
-    states = simulated.states
-    executed = ExecutedMotion(scene, motion, timeline, grips, layout, states, simulated.touches)
-    report = ExecutionReport(
-        succeeded=simulated.is_stable and goal_holds(scene, timeline, states[-1]),
-        is_stable=simulated.is_stable,
-        objects=_results(scene, layout, motion.qpos[-1], states[-1]),
-        deviation=find_deviation(model, executed) if simulated.is_stable else None,
-        duration=float(time[-1]),
-    )
-    return Execution(report, time, states)
-
-
-@dataclass(frozen=True, slots=True)
-class _Simulated:
-    """What a simulation has recorded."""
-
-    states: Float[np.ndarray, "records nq"]
-    """The states at the wanted times."""
-
-    touches: list[frozenset[tuple[int, int]]]
-    """Pairs of bodies that touched since the record before, for each record."""
-
-    is_stable: bool
-    """False if the numbers diverged, upon which MuJoCo starts again from its own initial state."""
-
-
-def _first_state(
-    motion: Motion, layout: Layout, conditions: ExecutionConditions
-) -> Float[np.ndarray, " nq"]:
-    """Return the first state of a motion, with its objects displaced at random."""
-    state = motion.qpos[0].copy()
-    generator = np.random.default_rng(conditions.seed)
-    noise = generator.normal(0.0, 1.0, (len(layout.objects), 2))
-    state[layout.objects[:, :2]] += conditions.object_noise * noise
-    return state
+    return judge(task, model, simulated)
 
 
 def _simulate(
     model: mujoco.MjModel,
     commands: ServoCommands,
-    first_state: Float[np.ndarray, " nq"],
-    time: Float[np.ndarray, " records"],
-) -> _Simulated:
+    start: Float[np.ndarray, " nq"],
+    task: ExecutionTask,
+) -> SimulatedStates:
     """Simulate all steps.
 
     Args:
         model: The model.
         commands: Targets of the servos in each step.
-        first_state: State at the first step.
-        time: Times at which the state is recorded [s].
+        start: State at the first step.
+        task: The motion, which says when the state is recorded.
     """
     data = mujoco.MjData(model)
-    data.qpos[:] = first_state
-    record_steps = np.rint(time / model.opt.timestep).astype(int).tolist()
-    states = np.empty((len(time), model.nq))
+    data.qpos[:] = start
+    record_steps = task.record_steps(model.opt.timestep)
+    states = np.empty((len(record_steps), model.nq))
     touches: list[frozenset[tuple[int, int]]] = []
     watch = _TouchWatch(model)
 
@@ -157,7 +100,9 @@ def _simulate(
         control[:] = targets
         mujoco.mj_step(model, data)
         watch.look(data)
-    return _Simulated(states, touches, not any(data.warning[kind].number for kind in DIVERGENCE))
+    # After one of these warnings, MuJoCo starts again from its own initial state.
+    is_stable = not any(data.warning[kind].number for kind in DIVERGENCE)
+    return SimulatedStates(states, touches, is_stable)
 
 
 class _TouchWatch:
@@ -183,17 +128,3 @@ class _TouchWatch:
         self._pairs.clear()
         self._latest = b""
         return pairs
-
-
-def _results(
-    scene: Scene,
-    layout: Layout,
-    planned: Float[np.ndarray, " nq"],
-    reached: Float[np.ndarray, " nq"],
-) -> tuple[ObjectResult, ...]:
-    """Compare the objects at the end with the plan."""
-    results = []
-    for item, columns in zip(scene.objects, layout.objects, strict=True):
-        distance, turn = differences(planned[None, columns], reached[None, columns])
-        results.append(ObjectResult(item.name, float(distance[0]), float(turn[0])))
-    return tuple(results)

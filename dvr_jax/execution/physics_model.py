@@ -53,6 +53,16 @@ def build_execution_model(scene: Scene, conditions: ExecutionConditions) -> mujo
         scene: The scene.
         conditions: Factor of the friction.
     """
+    return build_execution_spec(scene, conditions).compile()
+
+
+def build_execution_spec(scene: Scene, conditions: ExecutionConditions) -> mujoco.MjSpec:
+    """Build this model as an editable specification.
+
+    Args:
+        scene: The scene.
+        conditions: Factor of the friction.
+    """
     spec = build_model_spec(scene)
     spec.option.timestep = TIME_STEP
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -80,7 +90,7 @@ def build_execution_model(scene: Scene, conditions: ExecutionConditions) -> mujo
     for actuator in spec.actuators:
         actuator.ctrllimited = mujoco.mjtLimited.mjLIMITED_FALSE
 
-    return spec.compile()
+    return spec
 
 
 def _release_from_gravity(body: mujoco.MjsBody) -> None:
