@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
@@ -16,7 +16,7 @@ from dvr_jax.cli.options import parse_options
 from dvr_jax.errors import DataError, OptionError, run_command
 
 if TYPE_CHECKING:
-    from dvr_jax.execution import Execution, ExecutionReport
+    from dvr_jax.execution import Execution, ExecutionConditions, ExecutionReport
     from dvr_jax.execution.repetition import ConditionRange
     from dvr_jax.planning.result import Plan
 
@@ -53,7 +53,10 @@ class ExecuteOptions:
     seed: int = 0
     """Seed of displacements and friction."""
     workers: int = os.cpu_count() or 1
-    """Number of processes for repeated executions."""
+    """Number of processes for repeated executions in MuJoCo C."""
+    backend: Literal["mujoco", "mjx"] = "mujoco"
+    """What simulates: MuJoCo C on the CPU, or MuJoCo MJX on the device of JAX, which runs all executions as one batch.
+    MJX needs a minute to compile and is much slower on a CPU; its scenes may have no cylinders."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -88,10 +91,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _execute_once(plan: Plan, variation: ConditionRange, options: ExecuteOptions) -> int:
     """Execute a plan once, report on every object, and write the animation."""
-    from dvr_jax.execution import execute
-
-    assert plan.motion is not None
-    execution = execute(plan.scene, plan.actions, plan.motion, variation.conditions(0))
+    execution = _execution_under(plan, variation.conditions(0), options)
     report = execution.report
     print(f"{_verdict(report)} after {report.duration:.1f} s of simulated time")
     for item in report.objects:
@@ -109,15 +109,41 @@ def _execute_once(plan: Plan, variation: ConditionRange, options: ExecuteOptions
     return EXIT_SUCCEEDED if report.succeeded else EXIT_FAILED
 
 
+def _execution_under(
+    plan: Plan, conditions: ExecutionConditions, options: ExecuteOptions
+) -> Execution:
+    """Execute a plan under given conditions in the backend that the options name."""
+    from dvr_jax.execution import PhysicsBackend, execute
+
+    assert plan.motion is not None
+    if PhysicsBackend(options.backend) is PhysicsBackend.MUJOCO:
+        return execute(plan.scene, plan.actions, plan.motion, conditions)
+
+    from dvr_jax.execution.mjx_batch import execute_batch
+
+    [execution] = execute_batch(
+        plan.scene, plan.actions, plan.motion, [conditions], report_progress=_show_progress
+    )
+    return execution
+
+
 def _repeat(plan: Plan, variation: ConditionRange, options: ExecuteOptions) -> int:
     """Execute a plan several times, and count the successes and the causes of failures."""
+    from dvr_jax.execution import PhysicsBackend
     from dvr_jax.execution.repetition import execute_repeatedly
 
     assert plan.motion is not None
     succeeded = 0
     causes: Counter[str] = Counter()
     reports = execute_repeatedly(
-        plan.scene, plan.actions, plan.motion, variation, options.repeat, options.workers
+        plan.scene,
+        plan.actions,
+        plan.motion,
+        variation,
+        options.repeat,
+        options.workers,
+        PhysicsBackend(options.backend),
+        _show_progress,
     )
     for index, report in enumerate(reports):
         succeeded += report.succeeded
@@ -129,6 +155,11 @@ def _repeat(plan: Plan, variation: ConditionRange, options: ExecuteOptions) -> i
     for cause, count in causes.most_common():
         print(f"  {count} failed: {cause}")
     return EXIT_SUCCEEDED if succeeded == options.repeat else EXIT_FAILED
+
+
+def _show_progress(line: str) -> None:
+    """Show the progress of MJX where it does not mix with the results."""
+    print(f"  {line}", file=sys.stderr, flush=True)
 
 
 def _verdict(report: ExecutionReport) -> str:

@@ -1,13 +1,18 @@
-"""Executions of one plan under many conditions, in parallel processes: how robust is it?"""
+"""Executions of one plan under many conditions: how robust is it?
+
+MuJoCo C executes in parallel processes, MJX as one batch. The conditions of an execution depend on the seed and on its
+number alone, so both backends execute under the same ones.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from dvr_jax.errors import OptionError
+from dvr_jax.execution.backend import PhysicsBackend
 from dvr_jax.execution.conditions import ExecutionConditions
 from dvr_jax.execution.executor import execute
 from dvr_jax.execution.report import ExecutionReport
@@ -56,6 +61,8 @@ def execute_repeatedly(
     variation: ConditionRange,
     number: int,
     workers: int,
+    backend: PhysicsBackend = PhysicsBackend.MUJOCO,
+    report_progress: Callable[[str], None] = lambda line: None,
 ) -> Iterator[ExecutionReport]:
     """Execute a motion several times, each time under conditions of its own.
 
@@ -65,19 +72,31 @@ def execute_repeatedly(
         motion: The motion.
         variation: What varies.
         number: Number of executions.
-        workers: Number of processes.
+        workers: Number of processes of MuJoCo C; MJX runs in this process.
+        backend: What simulates.
+        report_progress: Shows a line about the progress of MJX, whose reports all come at its end.
 
     Yields:
         The report of each execution, in their order.
 
     Raises:
-        OptionError: The conditions are no physics, or a number is not positive.
+        OptionError: The conditions are no physics, a number is not positive, or MJX cannot simulate the scene.
     """
     for name, value in (("executions", number), ("processes", workers)):
         if value < 1:
             raise OptionError(f"the number of {name} is {value}; valid is 1 or more.")
 
     conditions = [variation.conditions(index) for index in range(number)]
+    if backend is PhysicsBackend.MJX:
+        # Imported here, because MuJoCo C does not need JAX.
+        from dvr_jax.execution.mjx_batch import execute_batch
+
+        for execution in execute_batch(
+            scene, actions, motion, conditions, report_progress=report_progress
+        ):
+            yield execution.report
+        return
+
     with worker_processes(min(workers, number)) as pool:
         tasks = [pool.submit(_report, scene, tuple(actions), motion, each) for each in conditions]
         for task in tasks:

@@ -164,9 +164,7 @@ def judge(task: ExecutionTask, model: mujoco.MjModel, simulated: SimulatedStates
     return Execution(report, task.time, states)
 
 
-def _results(
-    task: ExecutionTask, reached: Float[np.ndarray, " nq"]
-) -> tuple[ObjectResult, ...]:
+def _results(task: ExecutionTask, reached: Float[np.ndarray, " nq"]) -> tuple[ObjectResult, ...]:
     """Compare the objects at the end with the plan."""
     planned = task.motion.qpos[-1]
     results = []

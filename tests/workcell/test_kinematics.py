@@ -17,6 +17,7 @@ from arm_states import (
     sample_postures,
     vectors,
 )
+from mujoco import mjx
 
 from dvr_jax.runtime.compilation import CPU_OPTIONS
 from dvr_jax.workcell.gripper_motion import shift_gripper
@@ -257,7 +258,6 @@ def test_joint_screws(forward: Forward) -> None:
 @pytest.mark.parametrize("forward", ["facing", "side-by-side"], indirect=True)
 def test_links_against_mjx(forward: Forward) -> None:
     """In two of the workcells: the others differ from them in numbers alone, and MJX compiles for long."""
-    mjx = pytest.importorskip("mujoco.mjx", reason="mujoco-mjx is an extra of the tests")
     model = forward.simulated.model
     device_model, data = mjx.put_model(model), mjx.make_data(model)
 
