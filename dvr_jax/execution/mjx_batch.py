@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from dvr_jax.checker.operators import CHECKS, OperatorCheck
 from dvr_jax.errors import OptionError
@@ -31,14 +31,8 @@ from dvr_jax.execution.mjx_model import (
     stack_friction,
     step_copies,
 )
-from dvr_jax.execution.task import (
-    Execution,
-    ExecutionTask,
-    SimulatedStates,
-    first_state,
-    judge,
-    prepare_task,
-)
+from dvr_jax.execution.mjx_records import NO_CONTACT, BatchRecorder, StepRecords
+from dvr_jax.execution.task import Execution, first_state, judge, prepare_task
 from dvr_jax.logic import Action
 from dvr_jax.motion.motion import Motion
 from dvr_jax.runtime.compilation import CPU_OPTIONS
@@ -47,32 +41,12 @@ from dvr_jax.scene.types import Scene
 CHUNK_STEPS = 250
 """Time steps that one call of the program simulates; between calls, progress is reported."""
 
-NO_CONTACT = -1
-"""Code of a contact that is not active."""
-
 ReportProgress = Callable[[str], None]
 """Function that shows a line of progress to the user."""
 
 
 def ignore_progress(line: str) -> None:
     """Show nothing."""
-
-
-class StepRecords(NamedTuple):
-    """What the program returns for each step of a chunk."""
-
-    qpos: Float[Array, "*steps copies nq"]
-    """States before the step."""
-
-    touching: Int[Array, "*steps copies contacts"]
-    """Pairs of bodies in contact before the step, as ``first body * number of bodies + second body``; `NO_CONTACT`
-    where a contact is not active."""
-
-    is_stable: Bool[Array, "*steps copies"]
-    """Whether all numbers after the step are finite and below MuJoCo's limit."""
-
-    is_crowded: Bool[Array, "*steps copies"]
-    """Whether all reserved contacts of some dimension were active, so that there may have been more."""
 
 
 def execute_batch(
@@ -220,68 +194,6 @@ def _record(model: Any, qpos: Float[Array, "copies nq"], after: Any) -> StepReco
         is_stable=jnp.all(jnp.abs(numbers) < mujoco.mjMAXVAL, axis=1),
         is_crowded=jnp.any(jnp.stack(full), axis=0),
     )
-
-
-class BatchRecorder:
-    """Collects the states at the recorded times, and the touches between them, of all copies."""
-
-    is_crowded: Bool[np.ndarray, " copies"]
-    """Whether a copy had as many contacts as are reserved at some step."""
-
-    def __init__(self, task: ExecutionTask, model: mujoco.MjModel, copies: int) -> None:
-        """Prepare empty records.
-
-        Args:
-            task: The motion, which says when states are recorded.
-            model: The model that is simulated.
-            copies: Number of copies.
-        """
-        self._record_steps = task.record_steps(model.opt.timestep)
-        self._bodies = model.nbody
-        self._states = np.empty((copies, len(self._record_steps), model.nq))
-        self._touches: list[list[frozenset[tuple[int, int]]]] = [[] for _ in range(copies)]
-        self._pending: list[set[int]] = [set() for _ in range(copies)]
-        self._is_stable = np.ones(copies, bool)
-        self.is_crowded = np.zeros(copies, bool)
-
-    def add(self, first: int, records: StepRecords) -> None:
-        """Add the records of consecutive steps.
-
-        Args:
-            first: Number of the first of these steps.
-            records: The records, with a leading axis of steps.
-        """
-        self._is_stable &= np.all(records.is_stable, axis=0)
-        self.is_crowded |= np.any(records.is_crowded, axis=0)
-
-        # A record ends the interval of touches before its step.
-        number = len(records.qpos)
-        begin = 0
-        while (taken := len(self._touches[0])) < len(self._record_steps):
-            end = self._record_steps[taken] - first
-            if end >= number:
-                break
-            self._collect(records.touching[begin:end])
-            self._states[:, taken] = records.qpos[end]
-            self._take()
-            begin = end
-        self._collect(records.touching[begin:])
-
-    def _collect(self, touching: Int[np.ndarray, "steps copies contacts"]) -> None:
-        """Remember the touches of some steps for the next record."""
-        for copy, pending in enumerate(self._pending):
-            pending.update(np.unique(touching[:, copy]).tolist())
-
-    def _take(self) -> None:
-        """Append the remembered touches to those of the records."""
-        for touches, pending in zip(self._touches, self._pending, strict=True):
-            codes = pending - {NO_CONTACT}
-            touches.append(frozenset(divmod(code, self._bodies) for code in codes))
-            pending.clear()
-
-    def simulated(self, copy: int) -> SimulatedStates:
-        """Return what was recorded of one copy."""
-        return SimulatedStates(self._states[copy], self._touches[copy], bool(self._is_stable[copy]))
 
 
 def _run(

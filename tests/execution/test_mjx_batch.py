@@ -16,13 +16,14 @@ from dvr_jax.errors import OptionError
 from dvr_jax.execution import DeviationCause, Execution, ExecutionConditions, execute
 from dvr_jax.execution.backend import PhysicsBackend
 from dvr_jax.execution.diagnosis import differences
-from dvr_jax.execution.mjx_batch import NO_CONTACT, BatchRecorder, StepRecords, execute_batch
+from dvr_jax.execution.mjx_batch import execute_batch
 from dvr_jax.execution.mjx_model import (
     build_mjx_model,
     contact_limit,
     put_on_device,
     stack_friction,
 )
+from dvr_jax.execution.mjx_records import NO_CONTACT, BatchRecorder, StepRecords
 from dvr_jax.execution.physics_model import build_execution_model
 from dvr_jax.execution.repetition import ConditionRange, execute_repeatedly
 from dvr_jax.execution.task import prepare_task
@@ -167,6 +168,26 @@ def test_touches_belong_to_the_record_after_them(lift: Case) -> None:
         simulated = recorder.simulated(0)
         assert simulated.states[:3, 0].tolist() == [0.0, first, second]
         assert simulated.touches == [frozenset(), frozenset({(2, 3)}), frozenset({(4, 5)})]
+        assert simulated.is_stable and not recorder.is_crowded[0]
+
+
+def test_one_step_decides_whether_a_copy_is_stable_and_crowded(lift: Case) -> None:
+    model = build_mjx_model(lift.scene, HOLDING)
+    task = prepare_task(lift.scene, lift.actions, lift.motion, CHECKS)
+    recorder = BatchRecorder(task, model, copies=2)
+    for first in (0, 1, 2):
+        flags = np.array([[False, first == 1]])
+        recorder.add(
+            first,
+            StepRecords(
+                qpos=np.zeros((1, 2, model.nq)),
+                touching=np.full((1, 2, 3), NO_CONTACT),
+                is_stable=~flags,
+                is_crowded=flags,
+            ),
+        )
+    assert [recorder.simulated(copy).is_stable for copy in (0, 1)] == [True, False]
+    assert recorder.is_crowded.tolist() == [False, True]
 
 
 def test_cylinders_are_refused(carry: Case, lift: Case) -> None:
