@@ -84,8 +84,8 @@ def execute_batch(
     commands = servo_commands(model, scene, motion, task.grips, conditions[0], task.duration)
     states = np.stack([first_state(task, each) for each in conditions])
 
-    # Double precision: in single precision the solver of the stiff contacts of the pads does not converge, takes ten
-    # times as long, and objects slip out of grippers that hold them in MuJoCo C.
+    # Double precision: in single precision the solver of the stiff contacts of the pads does not converge, takes
+    # several times as long, and objects slip out of grippers that hold them in MuJoCo C.
     with jax.enable_x64(True):
         simulation = _Simulation(model, scene, conditions, states, report_progress)
         recorder = BatchRecorder(task, model, len(conditions))
@@ -182,17 +182,13 @@ def _record(model: Any, qpos: Float[Array, "copies nq"], after: Any) -> StepReco
     bodies = jnp.asarray(model.geom_bodyid)
     codes = bodies[contact.geom1] * model.nbody + bodies[contact.geom2]
 
-    # The limit holds for the contacts of each dimension (of the friction cone) by themselves.
-    dimensions = np.asarray(contact.dim)
-    full = [is_active[:, dimensions == dim].all(axis=1) for dim in np.unique(dimensions)]
-
     numbers = jnp.concatenate([after.qpos, after.qvel, after.qacc], axis=1)
     return StepRecords(
         qpos=qpos,
         touching=jnp.where(is_active, codes, NO_CONTACT),
         # A comparison with a number that is not finite is false.
         is_stable=jnp.all(jnp.abs(numbers) < mujoco.mjMAXVAL, axis=1),
-        is_crowded=jnp.any(jnp.stack(full), axis=0),
+        is_crowded=jnp.all(is_active, axis=1),
     )
 
 

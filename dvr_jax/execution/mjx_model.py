@@ -5,8 +5,9 @@ MJX computes with arrays whose shapes are fixed when its program is compiled, wh
 - Every pair of geoms that may ever touch is examined in every step. For some pairs, such as a cylinder and a box, MJX
   has no function at all.
 - Constraint rows are reserved for a fixed number of contacts. The model of a scene of two boxes has 563 pairs of geoms
-  with 1080 possible contacts, of which some 20 are active at a time. Of the contacts of each dimension, MJX therefore
-  keeps the deepest, as many as `contact_limit` says.
+  with 1080 possible contacts, of which some 20 are active at a time. MJX therefore keeps the deepest ones, as many as
+  `contact_limit` says. MJX counts contacts with and without torsional friction (of 4 and 3 dimensions) separately;
+  here all have it, so that no rows are reserved for contacts of the arms with each other, which are rare.
 """
 
 from __future__ import annotations
@@ -46,8 +47,12 @@ the table and the fingers are boxes."""
 CONTACTS_OF_OBJECT = 4
 """Contacts that are reserved for each object: those of a box that stands."""
 
-CONTACTS_OF_GRIPPERS = 16
-"""Contacts that are reserved in addition: four pads, as at a handover, with four contacts each."""
+CONTACTS_OF_GRIPPERS = 32
+"""Contacts that are reserved in addition: at a handover, four fingers touch the object with a pad and with the box
+behind it, by four contacts each."""
+
+CONTACT_DIMENSION = 4
+"""Dimension of all contacts: the normal, two directions of sliding, and the turn about the normal."""
 
 
 class FrictionBatch(NamedTuple):
@@ -61,7 +66,7 @@ class FrictionBatch(NamedTuple):
 
 
 def contact_limit(scene: Scene) -> int:
-    """Return for how many contacts of each dimension a scene's model reserves constraint rows."""
+    """Return for how many contacts a scene's model reserves constraint rows."""
     return CONTACTS_OF_OBJECT * len(scene.objects) + CONTACTS_OF_GRIPPERS
 
 
@@ -76,6 +81,8 @@ def build_mjx_model(scene: Scene, conditions: ExecutionConditions) -> mujoco.MjM
         OptionError: MJX cannot simulate a body of the scene or of its workcell.
     """
     spec = build_execution_spec(scene, conditions)
+    for geom in spec.geoms:
+        geom.condim = CONTACT_DIMENSION
     spec.add_numeric(name="max_contact_points", data=[contact_limit(scene)], size=1)
     model = spec.compile()
     _refuse_unsupported_geoms(model)

@@ -36,7 +36,7 @@ class StepRecords(NamedTuple):
     """Whether all numbers after the step are finite and below MuJoCo's limit."""
 
     is_crowded: Bool[HostOrDevice, "*steps copies"]
-    """Whether all reserved contacts of some dimension were active, so that there may have been more."""
+    """Whether all reserved contacts were active, so that there may have been more."""
 
 
 class BatchRecorder:
