@@ -7,7 +7,8 @@ fingers move, belongs to neither side of the comparison.
 TOPP-RA gets the path of each part as `toppra`'s own spline through points at equal distances, rest at both ends, and
 `toppra`'s own constraints of velocity and acceleration with the whole of the limits. It knows no limit of the jerk and
 no limit of the speed of a hand near a switch, so a motion that keeps those takes longer. A second duration adds the
-limits of torque, by MuJoCo's inverse dynamics with what the arms hold.
+limits of torque, by MuJoCo's inverse dynamics with what the arms hold. A third one adds to the first the limit of the
+speed of hands near switches (`dvr_jax.bench.slow_hands`).
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from typing import Any
 import numpy as np
 import toppra
 from jaxtyping import Float
-from scipy.interpolate import CubicSpline, PchipInterpolator
+from scipy.interpolate import PchipInterpolator
 from toppra.algorithm import TOPPRA
 from toppra.constraint import (
     JointAccelerationConstraint,
@@ -31,6 +32,8 @@ from toppra.constraint import (
 
 from dvr_jax.bench.motion_limits import LoadedArm, load_in_hand
 from dvr_jax.bench.motion_states import MotionStates
+from dvr_jax.bench.slow_hands import slow_hand_limit
+from dvr_jax.motion.interpolation import spline_of
 from dvr_jax.motion.motion import Motion
 from dvr_jax.scene.layout import qpos_layout
 
@@ -45,6 +48,9 @@ FINE_RATE = 1000.0
 
 SHORTEST_PATH = 1e-6
 """Points of a path that are nearer to each other than this fraction of its length are taken for one."""
+
+LARGEST_TORQUE = 1e6
+"""Torque that stands for no limit [N m]."""
 
 Torques = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 """Torques of all joints [N m] in one state: angles [rad], velocities [rad/s] and accelerations [rad/s^2]."""
@@ -77,10 +83,8 @@ class MotionTiming:
     fastest_with_torque: float
     """The same with limits of torque; NaN where an arm is too weak to hold its load still."""
 
-    @property
-    def ratio(self) -> float:
-        """Duration of the moving parts over that by TOPP-RA; 1 for a motion that rests throughout."""
-        return self.moving / self.fastest if self.fastest > 0 else 1.0
+    fastest_with_slow_hands: float
+    """Duration by TOPP-RA under limits of velocity and acceleration, with slow hands near switches."""
 
 
 def time_motion(states: MotionStates) -> MotionTiming:
@@ -96,30 +100,32 @@ def time_motion(states: MotionStates) -> MotionTiming:
     arms = states.scene.workcell.number_of_arms
     velocity = np.tile(robot.joint_velocity, arms)
     acceleration = np.tile(robot.joint_acceleration, arms)
-    torque = np.tile(robot.joint_torque, arms)
+    torque = np.minimum(np.tile(robot.joint_torque, arms), LARGEST_TORQUE)
 
     fastest = 0.0
     with_torque = 0.0
+    with_slow_hands = 0.0
     for part in parts:
-        points = path_points(motion, part)[:, joints]
+        states_along = path_points(motion, part)
+        points = states_along[:, joints]
         limits = [
             JointVelocityConstraint(_both_signs(velocity)),
             JointAccelerationConstraint(_both_signs(acceleration)),
         ]
+        torques = JointTorqueConstraint(
+            _torques(states, part), _both_signs(torque), np.zeros(len(torque))
+        )
+        slow = slow_hand_limit(states, states_along, part.first, part.last)
         fastest += fastest_duration(points, limits)
-
-        if np.isfinite(torque).all():
-            torques = _torques(states, part)
-            limits.append(
-                JointTorqueConstraint(torques, _both_signs(torque), np.zeros(len(torque)))
-            )
-        with_torque += fastest_duration(points, limits)
+        with_torque += fastest_duration(points, [*limits, torques])
+        with_slow_hands += fastest_duration(points, [*limits, slow])
 
     return MotionTiming(
         duration=float(motion.time[-1] - motion.time[0]),
         moving=motion.step * sum(part.last - part.first for part in parts),
         fastest=fastest,
         fastest_with_torque=with_torque,
+        fastest_with_slow_hands=with_slow_hands,
     )
 
 
@@ -141,7 +147,7 @@ def moving_parts(motion: Motion, q: Float[np.ndarray, "samples joints"]) -> list
 
 
 def path_points(motion: Motion, part: MovingPart) -> Float[np.ndarray, "points nq"]:
-    """Return states at equal distances along the path of a moving part.
+    """Return states at equal distances along the path of a moving part, in the space of all states.
 
     Args:
         motion: The motion.
@@ -149,8 +155,7 @@ def path_points(motion: Motion, part: MovingPart) -> Float[np.ndarray, "points n
     """
     start, end = motion.time[[part.first, part.last]] - motion.time[0]
     number = math.ceil((end - start) * FINE_RATE) + 1
-    spline = CubicSpline(motion.time - motion.time[0], motion.qpos, bc_type="clamped")
-    fine = spline(np.linspace(start, end, number))
+    fine = spline_of(motion)(np.linspace(start, end, number))
 
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(fine, axis=0), axis=1))])
     distinct = np.append(np.diff(length) > SHORTEST_PATH * length[-1], True)

@@ -8,19 +8,19 @@ robot's maker for the clearances.
 from __future__ import annotations
 
 import math
-import statistics
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from concurrent.futures import as_completed
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import tyro
 
-from dvr_jax.bench.mesh_distances import PairKind, deepest_penetration, least_distances
+from dvr_jax.bench.mesh_distances import deepest_penetration, least_distances
 from dvr_jax.bench.motion_limits import limit_uses
 from dvr_jax.bench.motion_states import replay_states
+from dvr_jax.bench.motion_table import print_by_length, print_distances
 from dvr_jax.bench.motion_timing import time_motion
 from dvr_jax.bench.placement import carried_height, goal_placement
 from dvr_jax.bench.results_file import ResultsFile, Row
@@ -42,9 +42,6 @@ MILLI = 1e3
 
 FINER = 4
 """Distances of meshes are computed at so many states for each sample of a motion."""
-
-LIMITS = ("velocity", "acceleration", "jerk", "torque", "finger speed")
-"""Quantities whose limits are looked at."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +86,6 @@ def measure_plan(plan: Plan, meshes: bool) -> Row:
     row: Row = {
         "duration": round(timing.duration, 3),
         "moving": round(timing.moving, 3),
-        "fastest": round(timing.fastest, 3),
         "limits": {
             name: {"ratio": round(use.ratio, 4), "joint": use.joint, "time": round(use.time, 3)}
             for name, use in limit_uses(states).items()
@@ -99,12 +95,14 @@ def measure_plan(plan: Plan, meshes: bool) -> Row:
         "is_clear_of_edges": placement.is_clear,
     }
 
-    # JSON has neither NaN nor infinity.
-    if math.isfinite(timing.fastest_with_torque):
-        row["fastest_with_torque"] = round(timing.fastest_with_torque, 3)
-    height = carried_height(states)
-    if math.isfinite(height):
-        row["height_mm"] = round(MILLI * height, 3)
+    # JSON has neither NaN nor infinity, so what does not exist is left out.
+    optional = {
+        "fastest": timing.fastest,
+        "fastest_with_torque": timing.fastest_with_torque,
+        "fastest_with_slow_hands": timing.fastest_with_slow_hands,
+        "height_mm": MILLI * carried_height(states),
+    }
+    row |= {name: round(value, 3) for name, value in optional.items() if math.isfinite(value)}
     if meshes:
         row |= _measure_meshes(plan)
     return row
@@ -184,89 +182,7 @@ def run(arguments: list[str]) -> int:
         f"{options.termination} paths: {len(solved)} solved"
     )
     if solved:
-        _print_by_length(solved)
+        print_by_length(solved)
         if options.meshes:
-            _print_distances(solved)
+            print_distances(solved)
     return 0
-
-
-@dataclass(frozen=True, slots=True)
-class _Column:
-    """A column of the table by the number of actions."""
-
-    title: str
-    """What it measures, with its unit."""
-
-    decimals: int
-    """Digits after the point."""
-
-    value: Callable[[Row], float | None]
-    """Reads the value of a row; None where the row has none."""
-
-    combine: Callable[[Sequence[float]], float]
-    """Combines the values of several rows."""
-
-
-def ratio_to_fastest(row: Row) -> float:
-    """Return how many times as long the arms of a row move as by TOPP-RA."""
-    return float(row["moving"] / row["fastest"]) if row["fastest"] else 1.0
-
-
-def _limit(name: str) -> Callable[[Row], float]:
-    """Return the function that reads the use of a limit from a row."""
-    return lambda row: float(row["limits"][name]["ratio"])
-
-
-COLUMNS = (
-    _Column("duration [s]", 2, lambda row: row["duration"], statistics.median),
-    _Column("/ TOPP-RA", 3, ratio_to_fastest, statistics.median),
-    *(_Column(name, 3, _limit(name), max) for name in LIMITS),
-    _Column("edge [mm]", 2, lambda row: row["edge_mm"], min),
-    _Column("height [mm]", 1, lambda row: row.get("height_mm"), min),
-    _Column("penetration [mm]", 2, lambda row: row.get("penetration_mm"), max),
-    _Column("check [ms]", 0, lambda row: row["check_ms"], statistics.median),
-)
-"""Medians of durations, of their ratios and of the times of the check; the worst of all other values."""
-
-
-def _print_by_length(rows: Sequence[Row]) -> None:
-    """Print one line for each number of actions, and one for all plans."""
-    titles = "  ".join(column.title for column in COLUMNS)
-    print(f"  actions  plans  {titles}")
-    for length in sorted({row["length"] for row in rows}):
-        _print_line(str(length), [row for row in rows if row["length"] == length])
-    _print_line("all", rows)
-
-    off = [row["scene"] for row in rows if not row["is_clear_of_edges"]]
-    print(f"  neither clear of the edges of the region nor centered: {len(off)} {off or ''}")
-    print("  durations, ratios and check times are medians, all others the worst of the plans")
-
-
-def _print_line(name: str, rows: Sequence[Row]) -> None:
-    """Print a line of the table.
-
-    Args:
-        name: Title of the line.
-        rows: Rows of the results file.
-    """
-    cells = []
-    for column in COLUMNS:
-        values = [value for row in rows if (value := column.value(row)) is not None]
-        text = f"{column.combine(values):.{column.decimals}f}" if values else "-"
-        cells.append(text.rjust(len(column.title)))
-    print(f"  {name:<7}  {len(rows):>5}  {'  '.join(cells)}")
-
-
-def _print_distances(rows: Sequence[Row]) -> None:
-    """Print the least distance of the meshes for each kind of pair, and where it occurs."""
-    print("  least signed distances of the meshes")
-    for kind in PairKind:
-        found: list[tuple[Row, dict[str, Any]]] = [
-            (row, row["distances"][kind]) for row in rows if kind in row["distances"]
-        ]
-        if not found:
-            continue
-        row, least = min(found, key=lambda entry: float(entry[1]["mm"]))
-        median = statistics.median(entry["mm"] for _, entry in found)
-        where = f"{' and '.join(least['bodies'])} in scene {row['scene']} at {least['time']:.2f} s"
-        print(f"    {kind:<26} {least['mm']:>8.2f} mm, median {median:>7.2f} mm; {where}")
