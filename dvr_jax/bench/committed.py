@@ -19,6 +19,9 @@ RESULTS = Path("bench/results")
 EXECUTIONS = "execution"
 """Folder of the results of `bench execute`, below `RESULTS`."""
 
+MOTIONS = "motions"
+"""Folder of the results of `bench motions`, below `RESULTS`."""
+
 
 class MissingResultsError(DvrError):
     """A figure needs a file of results that the repository does not have."""
@@ -130,13 +133,15 @@ class CommittedResults:
         Raises:
             MissingResultsError: There are none.
         """
-        names = sorted(
-            f"{EXECUTIONS}/{path.name}"
-            for path in (self.repository / RESULTS / EXECUTIONS).glob("*.jsonl")
-        )
-        if not names:
-            raise MissingResultsError(RESULTS / EXECUTIONS)
-        return [self.rows(name) for name in names]
+        return self._folder(EXECUTIONS)
+
+    def motions(self) -> list[RowsFile]:
+        """Read all results of `bench motions`, which lie in the folder `MOTIONS`.
+
+        Raises:
+            MissingResultsError: There are none.
+        """
+        return self._folder(MOTIONS)
 
     def metrics(self, benchmark: str) -> MetricsFile:
         """Read the metrics that a benchmark wrote.
@@ -156,6 +161,13 @@ class CommittedResults:
         path = self._find(Path(relative))
         manifest: Mapping[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         return manifest
+
+    def _folder(self, name: str) -> list[RowsFile]:
+        """Read all JSON Lines files of a folder below `RESULTS`, in the order of their names."""
+        paths = sorted((self.repository / RESULTS / name).glob("*.jsonl"))
+        if not paths:
+            raise MissingResultsError(RESULTS / name)
+        return [self.rows(f"{name}/{path.name}") for path in paths]
 
     def _find(self, relative: Path) -> Path:
         path = self.repository / relative

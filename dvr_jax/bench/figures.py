@@ -4,7 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from dvr_jax.bench import execution_figures, scene_figures, search_figures, solver_figures
+from dvr_jax.bench import (
+    execution_figures,
+    motion_figures,
+    scene_figures,
+    search_figures,
+    solver_figures,
+)
 from dvr_jax.bench.committed import CommittedResults
 
 Figure = Callable[[CommittedResults], str]
@@ -21,6 +27,8 @@ FIGURES: Mapping[str, Figure] = {
     "scenes": scene_figures.scenes,
     "execution": execution_figures.execution,
     "execution-causes": execution_figures.causes,
+    "motions": motion_figures.motions,
+    "motion-distances": motion_figures.motion_distances,
     "speed": solver_figures.speed,
     "recall": solver_figures.recall,
     "labels": solver_figures.labels,

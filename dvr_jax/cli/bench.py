@@ -34,6 +34,10 @@ BENCHMARKS: dict[str, Benchmark] = {
         "execute",
         "plan sampled scenes and execute the plans in physics: successes, causes of failure",
     ),
+    "motions": Benchmark(
+        "motions",
+        "plan sampled scenes and measure the motions: durations, limits, clearances of meshes",
+    ),
     "search": Benchmark(
         "search", "plan the same scenes by several searches: the paper's main figures"
     ),
