@@ -1,7 +1,7 @@
 """How close the paths of plans come to an optimum: the shipped settings against ten times as many iterations.
 
 The problems are the frozen path problems of the recall benchmark. Each path starts from the first feasible path, once
-with `OPTIMAL_SETTINGS` and once with ten times the iterations and no KKT residual at which the iterations end. The
+with the shipped settings and once with ten times the iterations and no tolerances at which they end. The
 cost of the second path is the reference.
 """
 
@@ -28,7 +28,8 @@ from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import Steps, run_together
 from dvr_jax.seeds.initial_paths import initial_path, optimal_path_problem
 from dvr_jax.solver.lane_pool import NlpSolution, solve
-from dvr_jax.solver.state import OPTIMAL_SETTINGS, SolverStatus
+from dvr_jax.solver.sequential import SequentialSettings
+from dvr_jax.solver.state import SolverStatus
 from dvr_jax.workcell.model import WorkcellModel
 
 MORE_ITERATIONS = 10
@@ -139,10 +140,13 @@ def _compare(start: FeasiblePath) -> Comparison:
     """Optimize a feasible path with both settings."""
     x = Variables(start.path.q, start.path.m)
     problem = optimal_path_problem(start.problem, x)
-    longer = OPTIMAL_SETTINGS._replace(
-        kkt_tolerance=0.0, iteration_limit=MORE_ITERATIONS * OPTIMAL_SETTINGS.iteration_limit
+    settings = SequentialSettings()
+    longer = settings._replace(
+        kkt_tolerance=0.0,
+        decrease_tolerance=0.0,
+        iteration_limit=MORE_ITERATIONS * settings.iteration_limit,
     )
-    (ours,) = solve(start.model, [problem], [x], OPTIMAL_SETTINGS)
+    (ours,) = solve(start.model, [problem], [x], settings)
     (reference,) = solve(start.model, [problem], [x], longer)
     shown = ours if ours.feasible else start.path
     return Comparison(

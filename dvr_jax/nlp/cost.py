@@ -53,6 +53,21 @@ def cost(problem: Problem, x: Variables) -> Float[Array, ""]:
     return value
 
 
+def curvature(problem: Problem, step: Variables) -> Float[Array, ""]:
+    """Compute half the product ``d^T H d`` of a step d with the Hessian H of the cost.
+
+    Args:
+        problem: The NLP, without batch axes.
+        step: A step of its variables.
+    """
+    # The cost is quadratic, so that this is the cost of the step when all targets are zero.
+    centered = problem._replace(
+        home=jnp.zeros_like(problem.home),
+        regularization_target=jnp.zeros_like(problem.regularization_target),
+    )
+    return cost(centered, step)
+
+
 def path_cost(home: Float[np.ndarray, " joints"], q: Float[np.ndarray, "slices joints"]) -> float:
     """Return the objective of the paper of a path, half the sum of its squared accelerations [rad^2/slice^4].
 

@@ -33,7 +33,7 @@ from dvr_jax.nlp.collision_rows import number_of_rows
 from dvr_jax.nlp.cost import add_cost
 from dvr_jax.nlp.problem import Problem, Variables
 from dvr_jax.nlp.slices import NormalEquations, SliceGeometry
-from dvr_jax.nlp.system import BorderedSystem, SystemParts, assemble
+from dvr_jax.nlp.system import BorderedSystem, assemble, empty_parts
 from dvr_jax.workcell.model import WorkcellModel
 
 Violations = dict[str, Array]
@@ -228,6 +228,7 @@ def gauss_newton_system(
     multiplier_estimate: Mapping[str, Array],
     active_penalty: Mapping[str, Array],
     gradient_scale: Float[Array, ""] | float = 1.0,
+    blocks: Sequence[ConstraintBlock] = CONSTRAINT_BLOCKS,
 ) -> BorderedSystem:
     """Compute the Gauss-Newton system of the augmented Lagrangian of one NLP.
 
@@ -235,27 +236,17 @@ def gauss_newton_system(
         problem: The NLP, without batch axes.
         x: The point at which the system is computed.
         jacobians: Derivatives of each block's rows, by block name; for the collisions the `NormalEquations` of the
-        samples.
+            samples.
         multiplier_estimate: Derivative of the Lagrangian by each row, by block name.
         active_penalty: Penalty of each row where it is active, else 0.
         gradient_scale: Factor of the costs' gradient, whose Hessian stays as it is.
+        blocks: The blocks whose rows are part of the system.
     """
     T, D = x.q.shape
     K = len(x.m)
-    M = PARAMETERS * K
     dtype = x.q.dtype
-    parts = SystemParts(
-        blocks=jnp.zeros((T, D, D), dtype),
-        joint_diagonal=jnp.zeros((T, D), dtype),
-        coupling=jnp.zeros((T, D, D), dtype),
-        coupling_diagonal=jnp.zeros((T, D), dtype),
-        far_coupling=jnp.zeros((T, D), dtype),
-        border=jnp.zeros((T, D, M), dtype),
-        corner=jnp.zeros((M, M), dtype),
-        gradient_q=jnp.zeros((T, D), dtype),
-        gradient_m=jnp.zeros(M, dtype),
-    )
-    for block in CONSTRAINT_BLOCKS:
+    parts = empty_parts(T, D, PARAMETERS * K, dtype)
+    for block in blocks:
         name = block.name
         parts = block.add_to_system(
             parts,

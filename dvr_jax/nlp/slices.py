@@ -226,7 +226,9 @@ def reduce_slices(
             jnp.where(chunk.valid.T, value[slices[:, None], rows], 0)
             for value in (multiplier_estimate, active_penalty)
         )
-        J = materialize(distance_jacobian(model, materialize(_take(geometry, slices)), rows))
+        J = materialize(
+            distance_jacobian(model, materialize(take_geometry(geometry, slices)), rows)
+        )
         weighted, gradient = materialize((J * penalty[:, None], -(J * estimate[:, None]).sum(2)))
         matrix = jnp.einsum("lip,ljp->lij", weighted, J)
         total = NormalEquations(
@@ -248,8 +250,13 @@ def reduce_slices(
     ).total
 
 
-def _take(geometry: SliceGeometry, slices: Array) -> SliceGeometry:
-    """Return the part of the geometry that `distance_jacobian` needs, for the slices with these indices (E,)."""
+def take_geometry(geometry: SliceGeometry, slices: Int[Array, " chosen"]) -> SliceGeometry:
+    """Return the part of the geometry that `distance_jacobian` needs, for chosen slices.
+
+    Args:
+        geometry: Geometry of all slices.
+        slices: Indices of the chosen ones.
+    """
     # The radii of the capsules are the same in all slices and are kept as they are.
     contacts = geometry.contacts
     segments = contacts.segments

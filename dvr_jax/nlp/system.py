@@ -16,7 +16,7 @@ couples each slice with
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Float
@@ -79,6 +79,31 @@ class SystemParts(NamedTuple):
 
     gradient_m: Float[Array, " parameters"]
     """Derivative by the mode parameters, action after action."""
+
+
+def empty_parts(slices: int, joints: int, parameters: int, dtype: Any) -> SystemParts:
+    """Return a system to which nothing has been added.
+
+    Args:
+        slices: Number T of slices.
+        joints: Number D of joints of all arms.
+        parameters: Number M of mode parameters.
+        dtype: Type of the numbers.
+    """
+    T = slices
+    D = joints
+    M = parameters
+    return SystemParts(
+        blocks=jnp.zeros((T, D, D), dtype),
+        joint_diagonal=jnp.zeros((T, D), dtype),
+        coupling=jnp.zeros((T, D, D), dtype),
+        coupling_diagonal=jnp.zeros((T, D), dtype),
+        far_coupling=jnp.zeros((T, D), dtype),
+        border=jnp.zeros((T, D, M), dtype),
+        corner=jnp.zeros((M, M), dtype),
+        gradient_q=jnp.zeros((T, D), dtype),
+        gradient_m=jnp.zeros(M, dtype),
+    )
 
 
 def assemble(parts: SystemParts, problem: Problem, is_path: bool) -> BorderedSystem:

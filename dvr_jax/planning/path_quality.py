@@ -30,7 +30,7 @@ class PathQuality:
     """The rest of the solver's cost: how far grasps are from the objects' centers and from straight down."""
 
     kkt_residual: float | None
-    """KKT residual, a fraction of the cost (`dvr_jax.solver.optimality`); None if it is not known."""
+    """KKT residual, a fraction of the cost (`dvr_jax.solver.sequential`); None if it is not known."""
 
     iterations: int
     """Number of iterations of the NLP that the path solves."""

@@ -36,7 +36,8 @@ from dvr_jax.seeds.keyframe_beam import (
     held_beam,
 )
 from dvr_jax.solver.lane_pool import NlpSolution
-from dvr_jax.solver.state import OPTIMAL_SETTINGS, Settings
+from dvr_jax.solver.sequential import SequentialSettings
+from dvr_jax.solver.state import Settings
 from dvr_jax.workcell.model import workcell_model
 
 FURTHER_STARTS = (5, 10)
@@ -291,7 +292,7 @@ class NodeSolver:
         problem = optimal_path_problem(_problem_of(node), start)
         self.counts.nlps["optimum"] += 1
         solved: list[NlpSolution] = yield SolveNlps(
-            self.model, [problem], [start], OPTIMAL_SETTINGS
+            self.model, [problem], [start], SequentialSettings()
         )
         return solved[0] if solved[0].feasible else path
 

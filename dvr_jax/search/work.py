@@ -14,8 +14,7 @@ from typing import Any, TypeVar
 from dvr_jax.nlp.problem import Problem, Variables
 from dvr_jax.seeds.beam_batches import BeamTask, extend_beams, lane_counts
 from dvr_jax.seeds.keyframe_beam import KeyframeBeam
-from dvr_jax.solver.lane_pool import NlpSolution, solve
-from dvr_jax.solver.state import Settings
+from dvr_jax.solver.lane_pool import AnySettings, NlpSolution, solve
 from dvr_jax.workcell.model import WorkcellModel
 
 
@@ -46,8 +45,8 @@ class SolveNlps:
     starts: Sequence[Variables]
     """A starting point for each NLP."""
 
-    settings: Settings
-    """Settings of the solver."""
+    settings: AnySettings
+    """Settings of the solver; their type decides which method is used."""
 
 
 Request = ExtendBeams | SolveNlps

@@ -10,7 +10,7 @@ equalities h = 0 and inequalities g <= 0. With the penalty p and the multipliers
 The minimization of L for constant multipliers and penalty is a *subproblem*. An iteration consists of two functions:
 
 1. `judge_trial` evaluates L at a trial point x + step. If L has not increased, the trial point is accepted and becomes
-   the lane's point x. Otherwise the step is shortened up to `Settings.backtrack_limit` times, then the damping grows.
+   the lane's point x. Otherwise the damping grows.
 2. `next_trial` computes the next step d from the damped Gauss-Newton system (H + damping I) d = -gradient of L. H is
    the sum of J^T J over the cost residuals and of p J^T J over the equalities and the active inequalities, which are
    those with z + p g > 0.
@@ -21,8 +21,7 @@ A subproblem ends when its steps have become small. The multipliers are then upd
 
 and the penalty grows if the violation has not decreased enough.
 
-With `Termination.OPTIMAL` a lane ends at a KKT point (`dvr_jax.solver.optimality`). With `Termination.FEASIBLE` it ends
-at a feasible point, which suffices for bounds and verdicts. Then the first subproblem that ends close to feasibility is
+The planner needs a feasible point, not an optimum. The first subproblem that ends close to feasibility is therefore
 followed by a *restoration*: some iterations without the multipliers and the gradient of the costs, but with the Hessian
 of the costs, so that the lane moves to feasible points that are close in the metric of this Hessian. Restoration phases
 of filter methods have the same purpose (Fletcher and Leyffer 2002). If the restoration does not reach a feasible point,
@@ -43,16 +42,7 @@ from jaxtyping import Float
 
 from dvr_jax.geometry.arrays import Array
 from dvr_jax.geometry.vectors import materialize
-from dvr_jax.solver.optimality import best_of, final_point, kkt_residual
-from dvr_jax.solver.state import (
-    BestPoint,
-    RestorationPhase,
-    Settings,
-    SolverState,
-    SolverStatus,
-    Termination,
-    TrialUpdate,
-)
+from dvr_jax.solver.state import RestorationPhase, Settings, SolverState, SolverStatus, TrialUpdate
 
 
 class LagrangianRows(NamedTuple):
@@ -66,9 +56,6 @@ class LagrangianRows(NamedTuple):
 
     value: Float[Array, ""]
     """Sum of the terms of all rows in the augmented Lagrangian."""
-
-    gap: Float[Array, ""]
-    """Sum of the absolute products of all rows with their multiplier estimates."""
 
 
 def trial_point(state: SolverState) -> Any:
@@ -113,7 +100,6 @@ def lagrangian_rows(
     estimates: list[Array] = []
     active: list[Array] = []
     total: Array = jnp.zeros(())
-    gap: Array = jnp.zeros(())
     for y, value, p, is_h in zip(multipliers, rows, penalties, equalities, strict=True):
         estimate = y + p * value
         if is_h:
@@ -123,9 +109,8 @@ def lagrangian_rows(
             estimate = jnp.maximum(estimate, 0)
             total = total + _sum((estimate * estimate - y * y) * materialize(0.5 / p))
             active.append(jnp.where(estimate > 0, p, 0))
-        gap = gap + _sum(jnp.abs(estimate * value))
         estimates.append(estimate)
-    return LagrangianRows(tuple(estimates), tuple(active), total, gap)
+    return LagrangianRows(tuple(estimates), tuple(active), total)
 
 
 def _sum(value: Array) -> Array:
@@ -180,8 +165,9 @@ def judge_trial(
     # Has the lane arrived, or its subproblem ended?
     moved = _largest(state.step)
     feasible = accepted & (relative_violation <= 1) & (moved <= settings.final_step)
-    feasible &= settings.termination == Termination.FEASIBLE
-    ended = accepted & ~first & ~restoring & _ends_subproblem(settings, state, moved, cost)
+    is_small = (moved <= settings.step_tolerance) & (state.damping <= settings.step_damping)
+    is_last = state.inner_iterations + 1 >= settings.inner_limit
+    ended = accepted & ~first & ~restoring & (is_small | is_last)
     restoration = _next_phase(settings, state, accepted, ended, relative_violation)
 
     # The multiplier update takes the rows at hand: x has just become the trial point.
@@ -201,11 +187,8 @@ def judge_trial(
     value = jnp.where(ended | leaves, _zero_if(restores, cost) + new.value, value)
     return TrialUpdate(
         accepted=accepted,
-        shortening=_shortening(state, value),
         feasible=feasible,
         ended=ended,
-        cost=cost,
-        gap=new.gap,
         relative_violation=relative_violation,
         multipliers=multipliers,
         penalty=penalty,
@@ -215,26 +198,6 @@ def judge_trial(
         updates_without_progress=jnp.where(ended, without_progress, state.updates_without_progress),
         restoration=restoration,
     )
-
-
-def _ends_subproblem(settings: Settings, state: SolverState, moved: Array, cost: Array) -> Array:
-    """Return whether a subproblem ends with the present step, if that is accepted."""
-    promises_little = state.predicted_decrease <= settings.decrease_tolerance * jnp.abs(cost)
-    is_small = (moved <= settings.step_tolerance) | promises_little
-    is_small &= state.damping <= settings.step_damping
-    is_last = state.inner_iterations + 1 >= settings.inner_limit
-    return is_small | is_last
-
-
-def _shortening(state: SolverState, value: Array) -> Array:
-    """Return the factor by which a refused step is shortened, from 0.1 to 0.5.
-
-    It leads to the minimum of the parabola with the augmented Lagrangian's value and slope at the lane's point and its
-    value at the trial point (Nocedal and Wright, Numerical Optimization, section 3.5).
-    """
-    excess = value - state.value - state.slope
-    factor = jnp.clip(-0.5 * state.slope / excess, 0.1, 0.5)
-    return jnp.where(jnp.isfinite(factor), factor, 0.1)
 
 
 def _next_phase(
@@ -264,24 +227,6 @@ class _Step(NamedTuple):
     stuck: Array
     """True if the damping exceeded its limit."""
 
-    predicted_decrease: Array
-    """Decrease of the augmented Lagrangian that its quadratic model predicts for the step before it was scaled."""
-
-    slope: Array
-    """Derivative of the augmented Lagrangian along the step."""
-
-
-def shortens_step(settings: Settings, state: SolverState, update: TrialUpdate) -> Array:
-    """Return whether a lane shortens its step, for which no system is needed.
-
-    Args:
-        settings: Settings of the method.
-        state: The lane.
-        update: The verdict on its trial point.
-    """
-    may_shorten = (state.backtracks < settings.backtrack_limit) & ~jnp.isinf(state.value)
-    return ~update.accepted & may_shorten
-
 
 def next_trial(
     settings: Settings,
@@ -290,7 +235,6 @@ def next_trial(
     system: Any,
     report: Any,
     solve: Callable[[Any, Array], Any],
-    slope: Callable[[Any, Any], Array],
 ) -> SolverState:
     """Move a lane to its trial point if that was accepted, and find the next trial point.
 
@@ -302,55 +246,36 @@ def next_trial(
         report: Numbers about the trial point that the caller wants to keep.
         solve: Function of a system and a damping that returns the step, of the structure of `SolverState.x`; the step
             is NaN if the damped system is indefinite.
-        slope: Function of a system and a step that returns the product of the gradient with the step.
     """
     first = jnp.isinf(state.value)
     turned = update.restoration != state.restoration
 
     # The trial point and everything that is known of it take the place of the old point, if the point was accepted.
-    x, value, system, report = _choose(
-        update.accepted,
+    x, value, system, report = jax.tree.map(
+        lambda new, old: jnp.where(update.accepted, new, old),
         (trial_point(state), update.value, system, report),
         (state.x, state.value, state.system, state.report),
     )
     x, value, system, damping = materialize(
         (x, value, system, _next_damping(settings, state, update, turned))
     )
-
-    # A refused step is shortened, or else computed again with more damping.
-    shortens = shortens_step(settings, state, update)
-    found = _choose(
-        shortens,
-        _shortened_step(state, update.shortening),
-        _find_step(settings, system, damping, solve, slope),
-    )
+    found = _find_step(settings, system, damping, solve)
 
     # If the system was indefinite, an infinite value makes the next trial point be accepted whatever its value is. If
     # the damping exceeded its limit, x stays and the value is kept, so that the multipliers can be updated there.
     value_after = jnp.where(found.broken & ~first & ~found.stuck, jnp.inf, value)
     best = jnp.minimum(update.relative_violation, state.best_violation)
     best = jnp.where(update.accepted, best, state.best_violation)
-
-    # The KKT residual belongs to the trial point, and is not known if that was refused.
-    residual = kkt_residual(settings, update, found.predicted_decrease, found.damping)
-    point = BestPoint(x, update.cost, residual, report)
-    best_point = best_of(settings, state.best, point, update)
-    status = _next_status(settings, state, update, best, first & ~jnp.isfinite(value), residual)
-    point, status = final_point(settings, point, best_point, status)
+    status = _next_status(settings, state, update, best, first & ~jnp.isfinite(value))
     return SolverState(
-        x=point.x,
+        x=x,
         step=found.step,
         multipliers=update.multipliers,
         penalty=update.penalty,
         damping=found.damping,
         value=value_after,
         system=system,
-        report=point.report,
-        kkt_residual=point.kkt_residual,
-        predicted_decrease=found.predicted_decrease,
-        slope=found.slope,
-        backtracks=jnp.where(shortens, state.backtracks + 1, 0),
-        best=best_point,
+        report=report,
         updated_violation=jnp.where(
             update.ended, update.relative_violation, state.updated_violation
         ),
@@ -368,46 +293,27 @@ def _next_damping(
 ) -> Array:
     """Return the next damping: smaller after an accepted step, larger after a refused one.
 
-    An accepted step divides the damping by 4, a refused one multiplies it by 8, and one that is accepted after it was
-    shortened multiplies it by 4. It is reset to its initial value when the restoration begins or ends.
+    An accepted step divides the damping by 4, a refused one multiplies it by 8. It is reset to its initial value when
+    the restoration begins or ends.
     """
-    raised = jnp.maximum(state.damping, settings.damping_floor)
-    was_shortened = state.backtracks > 0
-    smaller = jnp.where(was_shortened, raised * 4, jnp.maximum(state.damping / 4, 1e-6))
-    larger = raised * 8
+    smaller = jnp.maximum(state.damping / 4, 1e-6)
+    larger = jnp.maximum(state.damping, settings.damping_floor) * 8
     return jnp.where(turned, settings.damping, jnp.where(update.accepted, smaller, larger))
 
 
-def _shortened_step(state: SolverState, factor: Array) -> _Step:
-    """Return the present step of a lane times a factor."""
-    return _Step(
-        step=jax.tree.map(lambda change: factor * change, state.step),
-        damping=state.damping,
-        broken=jnp.array(False),
-        stuck=jnp.array(False),
-        predicted_decrease=state.predicted_decrease,
-        slope=factor * state.slope,
-    )
-
-
 def _find_step(
-    settings: Settings,
-    system: Any,
-    damping: Array,
-    solve: Callable[[Any, Array], Any],
-    slope: Callable[[Any, Any], Array],
+    settings: Settings, system: Any, damping: Array, solve: Callable[[Any, Array], Any]
 ) -> _Step:
     """Compute the Gauss-Newton step, scaled as a whole so that no variable changes by more than the limit."""
     step = materialize(solve(system, damping))
     length = _largest(step)
-    rise = slope(system, step)
     factor = jnp.minimum(1, settings.step_limit / jnp.maximum(length, 1e-12))
     broken = ~jnp.isfinite(length)
     stuck = damping > settings.damping_limit
     factor = jnp.where(stuck | broken, 0, factor)
     step = jax.tree.map(lambda change: jnp.where(factor > 0, factor * change, 0), step)
     damping = jnp.where(stuck, settings.damping, jnp.where(broken, damping * 100, damping))
-    return _Step(step, damping, broken, stuck, -0.5 * rise, factor * rise)
+    return _Step(step, damping, broken, stuck)
 
 
 def _next_status(
@@ -416,7 +322,6 @@ def _next_status(
     update: TrialUpdate,
     best_violation: Array,
     has_failed: Array,
-    residual: Array,
 ) -> Array:
     """Return the status after this iteration; conditions that are tested later take precedence."""
     iterations = state.iterations + 1
@@ -432,18 +337,7 @@ def _next_status(
     status = jnp.where(is_stale | is_off_course, int(SolverStatus.STAGNATED), status)
 
     status = jnp.where(has_failed, int(SolverStatus.NUMERICAL_FAILURE), status)
-    is_optimal = (
-        (settings.termination == Termination.OPTIMAL)
-        & (residual <= settings.kkt_tolerance)
-        & (update.relative_violation <= settings.violation_limit)
-    )
-    status = jnp.where(is_optimal, int(SolverStatus.OPTIMAL), status)
     return jnp.where(update.feasible, int(SolverStatus.FEASIBLE), status)
-
-
-def _choose(condition: Array, first: Any, second: Any) -> Any:
-    """Return the first of two pytrees of the same structure if the condition holds, else the second one."""
-    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), first, second)
 
 
 def _zero_if(condition: Array, values: Any) -> Any:

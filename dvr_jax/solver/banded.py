@@ -156,3 +156,115 @@ def _solve_corner(system: BorderedSystem, reduced: Array, damping: Array | float
     schur = system.corner + damping * jnp.eye(M, dtype=flat.dtype) - product[:M, :M]
     inverse = _inverse_factor(schur)
     return inverse.T @ (inverse @ (-system.gradient_m - product[:M, M]))
+
+
+class BorderedFactor(NamedTuple):
+    """Block Cholesky factor of the damped matrix of a path, for right-hand sides that become known later.
+
+    P pairs of slices have W = 2 D joint angles each, and there are M mode parameters.
+    """
+
+    inverse: Float[Array, "pairs width width"]
+    """``L_i^-1`` of each pair."""
+
+    ahead: Float[Array, "pairs width width"]
+    """Reduced coupling C_i of each pair with the next one."""
+
+    border: Float[Array, "pairs width parameters"]
+    """Border after the forward sweep."""
+
+    corner_inverse: Float[Array, "parameters parameters"]
+    """Inverse Cholesky factor of the Schur complement of the mode parameters."""
+
+
+class ReducedSides(NamedTuple):
+    """R right-hand sides r after the forward sweep. For two of them, ``r^T H^-1 s`` is the product of these arrays."""
+
+    of_joints: Float[Array, "pairs width sides"]
+    of_parameters: Float[Array, "parameters sides"]
+
+
+def factorize_bordered(system: BorderedSystem, damping: Float[Array, ""] | float) -> BorderedFactor:
+    """Factorize the damped matrix of a path.
+
+    Args:
+        system: The system of a path NLP.
+        damping: Number that is added to the whole diagonal.
+
+    Returns:
+        The factor; NaN if the damped matrix is indefinite.
+    """
+    assert system.coupling is not None and system.far_coupling is not None
+    D = system.gradient_q.shape[1]
+    A = system.diagonal + damping * jnp.eye(D, dtype=system.diagonal.dtype)
+    own, ahead = _pair_blocks(A, system.coupling, system.far_coupling)
+    border = _in_pairs(system.border)
+    width = own.shape[-1]
+
+    def forward(before: Array, pair: _Pair) -> tuple[Array, tuple[Array, Array]]:
+        inverse = _inverse_factor(pair.own - before[:, :width])
+        sides = jnp.concatenate([pair.ahead, pair.right - before[:, width:]], axis=1)
+        solved = inverse @ sides
+        return solved[:, :width].T @ solved, (inverse, solved)
+
+    start = jnp.zeros((width, width + border.shape[-1]), A.dtype)
+    _, (inverse, solved) = jax.lax.scan(forward, start, _Pair(own, ahead, border))
+    reduced = solved[..., width:]
+
+    # The Schur complement of the mode parameters.
+    M = system.gradient_m.shape[0]
+    flat = reduced.reshape(-1, M)
+    schur = system.corner + damping * jnp.eye(M, dtype=A.dtype) - flat.T @ flat
+    return BorderedFactor(inverse, solved[..., :width], reduced, _inverse_factor(schur))
+
+
+def reduce_sides(
+    factor: BorderedFactor,
+    of_joints: Float[Array, "slices joints sides"],
+    of_parameters: Float[Array, "parameters sides"],
+) -> ReducedSides:
+    """Do the forward sweep for right-hand sides.
+
+    Args:
+        factor: Factor of the matrix.
+        of_joints: Entries of the joint angles.
+        of_parameters: Entries of the mode parameters.
+    """
+
+    def forward(before: Array, pair: tuple[Array, Array, Array]) -> tuple[Array, Array]:
+        inverse, ahead, sides = pair
+        solved = inverse @ (sides - before)
+        return ahead.T @ solved, solved
+
+    sides = _in_pairs(of_joints)
+    start = jnp.zeros(sides.shape[1:], sides.dtype)
+    _, reduced = jax.lax.scan(forward, start, (factor.inverse, factor.ahead, sides))
+    rest = of_parameters - jnp.einsum("pwm,pwr->mr", factor.border, reduced)
+    return ReducedSides(reduced, factor.corner_inverse @ rest)
+
+
+def solve_reduced(
+    factor: BorderedFactor, side: ReducedSides, slices: int
+) -> tuple[Float[Array, "slices joints"], Float[Array, " parameters"]]:
+    """Do the backward sweep for one right-hand side, without the axis of sides.
+
+    Args:
+        factor: Factor of the matrix.
+        side: The right-hand side after the forward sweep.
+        slices: Number T of slices.
+
+    Returns:
+        The solution, for joint angles and mode parameters.
+    """
+    dm = factor.corner_inverse.T @ side.of_parameters
+    right = side.of_joints - factor.border @ dm
+
+    def backward(after: Array, pair: tuple[Array, Array, Array]) -> tuple[Array, Array]:
+        inverse, ahead, own = pair
+        x = inverse.T @ (own - ahead @ after)
+        return x, x
+
+    start = jnp.zeros(right.shape[-1], right.dtype)
+    _, dq = jax.lax.scan(backward, start, (factor.inverse, factor.ahead, right), reverse=True)
+    joints = right.shape[-1] // 2
+    return dq.reshape(-1, joints)[:slices], dm

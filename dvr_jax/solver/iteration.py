@@ -45,17 +45,25 @@ from dvr_jax.nlp.slices import NormalEquations, SliceGeometry, Slices, measure, 
 from dvr_jax.nlp.system import BorderedSystem
 from dvr_jax.runtime.batch_sizes import batch_sizes
 from dvr_jax.runtime.compilation import Program
-from dvr_jax.solver.augmented_lagrangian import judge_trial, next_trial, shortens_step, trial_point
+from dvr_jax.solver.augmented_lagrangian import judge_trial, next_trial, trial_point
 from dvr_jax.solver.banded import solve_bordered
-from dvr_jax.solver.state import (
-    BestPoint,
-    RestorationPhase,
-    Settings,
-    SolverState,
-    SolverStatus,
-    TrialUpdate,
-)
+from dvr_jax.solver.state import RestorationPhase, Settings, SolverState, SolverStatus, TrialUpdate
 from dvr_jax.workcell.model import WorkcellModel
+
+RESTARTED = (
+    "step",
+    "damping",
+    "value",
+    "report",
+    "updated_violation",
+    "best_violation",
+    "inner_iterations",
+    "updates_without_progress",
+    "iterations",
+    "restoration",
+    "status",
+)
+"""Fields of `SolverState` that change when a lane is restarted or ends at the limit of its restarts."""
 
 
 class TrialEvaluation(NamedTuple):
@@ -122,11 +130,6 @@ def initial_states(
             gradient_m=zeros(M),
         ),
         report=dict.fromkeys(TOLERANCES, infinity),
-        kkt_residual=infinity,
-        predicted_decrease=infinity,
-        slope=np.zeros(B, dtype),
-        backtracks=count.copy(),
-        best=BestPoint(x, infinity, infinity, dict.fromkeys(TOLERANCES, infinity)),
         updated_violation=infinity,
         best_violation=infinity,
         inner_iterations=count,
@@ -199,8 +202,9 @@ def evaluate_trials(
     """
     trial = trial_point(states)
     horizon = horizon_of(model, problems, trial)
+    slices = len(trial.q) * horizon.slices * horizon.samples
     evaluations = materialize(
-        evaluate_constraints(model, problems, trial, _join_chunks(states, chunks))
+        evaluate_constraints(model, problems, trial, join_chunks(chunks, slices))
     )
     violations = violations_of(evaluations)
     rows = jax.vmap(flatten)({name: evaluation.rows for name, evaluation in evaluations.items()})
@@ -218,15 +222,17 @@ def evaluate_trials(
     return TrialEvaluation(update, jacobians, violations), _cut_collisions(update, len(chunks))
 
 
-def _join_chunks(states: SolverState, chunks: tuple[SliceGeometry, ...]) -> SliceGeometry:
-    """Concatenate distances, hands and screws of all chunks; the other fields of the result must not be used."""
-    # The first array of the multipliers belongs to the distances (`FlatResiduals.collision`); its axes are lanes,
-    # samples and rows.
-    L = states.multipliers[0].shape[0] * states.multipliers[0].shape[1]
+def join_chunks(chunks: Sequence[SliceGeometry], slices: int) -> SliceGeometry:
+    """Concatenate distances, hands and screws of all chunks; the other fields of the result must not be used.
+
+    Args:
+        chunks: Geometry of the slices, in chunks of one size.
+        slices: Number of slices without the padding of the last chunk.
+    """
 
     def join(pick: Callable[[SliceGeometry], Array], axis: int) -> Array:
         """Concatenate one field of all chunks."""
-        return _joined([pick(chunk) for chunk in chunks], L, axis)
+        return _joined([pick(chunk) for chunk in chunks], slices, axis)
 
     hands = chunks[0].hands._replace(
         rotation=join(lambda chunk: chunk.hands.rotation, -1),
@@ -257,7 +263,6 @@ def advance(
     trials: TrialEvaluation,
     chunks: tuple[NormalEquations, ...],
     horizon: Horizon,
-    needs_systems: Array,
 ) -> tuple[SolverState, tuple[Slices, ...]]:
     """Assemble and solve the Gauss-Newton system of every running lane, which gives its next trial point.
 
@@ -268,7 +273,6 @@ def advance(
         trials: Evaluation of their trial points.
         chunks: Contributions of the active distances of each chunk of slices to the systems.
         horizon: Sizes of the NLPs.
-        needs_systems: Whether any lane needs its system (`needs_any_system`).
 
     Returns:
         The new states, and the slices of the next trial points, cut into chunks.
@@ -288,24 +292,15 @@ def advance(
         """Compute the next state of one lane."""
         update = trial.update
         restoring = update.restoration == RestorationPhase.DURING
-
-        def assemble() -> BorderedSystem:
-            return gauss_newton_system(
-                problem,
-                trial_point(state),
-                {**trial.jacobians, COLLISION.name: distances},
-                unflatten(FlatResiduals(*update.multiplier_estimate), horizon),
-                unflatten(FlatResiduals(*update.active_penalty), horizon),
-                gradient_scale=jnp.where(restoring, 0.0, 1.0),
-            )
-
-        def solve_if_needed(system: BorderedSystem, damping: Array) -> Variables:
-            return jax.lax.cond(needs_systems, lambda: _solve(system, damping), lambda: state.step)
-
-        system = jax.lax.cond(needs_systems, assemble, lambda: state.system)
-        return next_trial(
-            settings, state, update, system, trial.violations, solve_if_needed, _slope
+        system = gauss_newton_system(
+            problem,
+            trial_point(state),
+            {**trial.jacobians, COLLISION.name: distances},
+            unflatten(FlatResiduals(*update.multiplier_estimate), horizon),
+            unflatten(FlatResiduals(*update.active_penalty), horizon),
+            gradient_scale=jnp.where(restoring, 0.0, 1.0),
         )
+        return next_trial(settings, state, update, system, trial.violations, _solve)
 
     new = jax.vmap(advance_lane)(problems, states, trials, distances)
     is_running = states.status == SolverStatus.RUNNING
@@ -322,11 +317,6 @@ def _solve(system: BorderedSystem, damping: Array) -> Variables:
     """Return the step that solves a system with damping on its diagonal."""
     dq, dm = solve_bordered(system, damping)
     return Variables(dq, dm.reshape(-1, PARAMETERS))
-
-
-def _slope(system: BorderedSystem, step: Variables) -> Array:
-    """Return the product of the gradient of the augmented Lagrangian with a step."""
-    return jnp.sum(system.gradient_q * step.q) + system.gradient_m @ step.m.reshape(-1)
 
 
 @Program
@@ -350,35 +340,15 @@ def step(
         The new states, and the slices of the next trial points, cut into chunks.
     """
     trials, active = materialize(evaluate_trials(model, problems, settings, states, chunks))
-    needs_systems = needs_any_system(settings, states, trials.update)
-
-    def reduce_all() -> tuple[NormalEquations, ...]:
-        return tuple(
+    reduced = materialize(
+        tuple(
             reduce_slices(model, chunk, collisions.multiplier_estimate, collisions.active_penalty)
             for chunk, collisions in zip(chunks, active, strict=True)
         )
-
-    def reduce_nothing() -> tuple[NormalEquations, ...]:
-        return jax.tree.map(
-            lambda result: jnp.zeros(result.shape, result.dtype), jax.eval_shape(reduce_all)
-        )
-
-    # Derivatives are computed only if a lane needs them; one that shortens its step does not.
-    reduced = materialize(jax.lax.cond(needs_systems, reduce_all, reduce_nothing))
-    horizon = horizon_of(model, problems, states.x)
-    return advance(problems, settings, states, trials, reduced, horizon, needs_systems)
-
-
-def needs_any_system(settings: Settings, states: SolverState, updates: TrialUpdate) -> Array:
-    """Return whether any running lane needs a new system: all do but those that shorten their steps.
-
-    Args:
-        settings: Settings of the method.
-        states: States of the lanes.
-        updates: Verdicts on their trial points.
-    """
-    shortens = shortens_step(settings, states, updates)
-    return jnp.any((states.status == SolverStatus.RUNNING) & ~shortens)
+    )
+    return advance(
+        problems, settings, states, trials, reduced, horizon_of(model, problems, states.x)
+    )
 
 
 def iterate(
@@ -405,7 +375,31 @@ def iterate(
     )
 
 
+def restart(states: SolverState, index: int, settings: Settings) -> None:
+    """Start a lane that has ended again from its point; it keeps its multipliers and its penalty.
+
+    Args:
+        states: States of the lanes, of which the fields `RESTARTED` are changed in place.
+        index: Index of the lane.
+        settings: Settings of the method.
+    """
+    for step in states.step:
+        step[index] = 0
+    for value in (states.value, states.updated_violation, states.best_violation):
+        value[index] = np.inf
+    for count in (
+        states.inner_iterations,
+        states.updates_without_progress,
+        states.iterations,
+        states.restoration,
+    ):
+        count[index] = 0
+    states.damping[index] = float(settings.damping)
+    states.status[index] = SolverStatus.RUNNING
+
+
 __all__ = [
+    "RESTARTED",
     "ActiveCollisions",
     "Evaluations",
     "TrialEvaluation",
@@ -414,7 +408,9 @@ __all__ = [
     "evaluate_trials",
     "initial_states",
     "iterate",
+    "join_chunks",
     "lay_out_chunks",
     "measure_chunk",
+    "restart",
     "step",
 ]

@@ -7,6 +7,7 @@ does not depend on the other NLPs in the list, except for the last digits of the
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -21,6 +22,7 @@ from dvr_jax.nlp.problem import Problem, Variables
 from dvr_jax.runtime.batch_sizes import batch_sizes
 from dvr_jax.runtime.compilation import to_device
 from dvr_jax.runtime.threads import linear_algebra_on_one_thread
+from dvr_jax.solver import iteration, sequential_iteration
 from dvr_jax.solver.continuous_collision import (
     BETWEEN_TOLERANCE,
     EXCHANGES,
@@ -28,33 +30,24 @@ from dvr_jax.solver.continuous_collision import (
     exchange_samples,
     sample_penetration,
 )
-from dvr_jax.solver.iteration import initial_states, iterate, lay_out_chunks
+from dvr_jax.solver.iteration import lay_out_chunks
+from dvr_jax.solver.sequential import LaneState, SequentialSettings
 from dvr_jax.solver.state import Settings, SolverState, SolverStatus
 from dvr_jax.workcell.model import WorkcellModel
 
 REFILL_FRACTION = 0.25
 """Ended lanes get new NLPs as soon as they make up this fraction of all lanes."""
 
-RESTARTED = (
-    "step",
-    "damping",
-    "value",
-    "report",
-    "best",
-    "backtracks",
-    "updated_violation",
-    "best_violation",
-    "inner_iterations",
-    "updates_without_progress",
-    "iterations",
-    "restoration",
-    "status",
-)
-"""Fields of `SolverState` that change when a lane is restarted or ends at the limit of its restarts."""
-
-
 FOUND = (SolverStatus.FEASIBLE, SolverStatus.OPTIMAL)
 """Statuses of lanes that have ended at a feasible point."""
+
+
+AnySettings = Settings | SequentialSettings
+"""Settings of a method. Their type tells which method solves an NLP: the augmented Lagrangian method leads to a
+feasible point, sequential quadratic programming from a feasible path to an optimal one."""
+
+AnyState = SolverState | LaneState
+"""States of all lanes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +70,7 @@ class NlpSolution:
     """Mode parameters of each action [m or rad]."""
 
     kkt_residual: float
-    """KKT residual (`dvr_jax.solver.optimality`); infinite if it is not known."""
+    """KKT residual (`dvr_jax.solver.sequential`); infinite if it is not known."""
 
     iterations: int
     """Number of iterations."""
@@ -123,7 +116,7 @@ def solve(
     model: WorkcellModel,
     problems: Sequence[Problem],
     starts: Sequence[Variables],
-    settings: Settings,
+    settings: AnySettings,
 ) -> list[NlpSolution]:
     """Solve NLPs of one shape, each from one start.
 
@@ -134,7 +127,7 @@ def solve(
         model: Arms of the workcell that all problems share.
         problems: NLPs with the same numbers of phases, slices, samples, objects and fixed bodies.
         starts: A starting point for each NLP.
-        settings: Settings of the method.
+        settings: Settings of the method; their type decides which method is used.
 
     Returns:
         The solutions, in the order of the problems.
@@ -157,7 +150,9 @@ class LanePool:
     the fraction `REFILL_FRACTION` of all lanes, so that slow lanes do not delay the other tasks.
     """
 
-    def __init__(self, model: WorkcellModel, tasks: Sequence[NlpTask], settings: Settings) -> None:
+    def __init__(
+        self, model: WorkcellModel, tasks: Sequence[NlpTask], settings: AnySettings
+    ) -> None:
         """Fill the lanes with the first tasks.
 
         Args:
@@ -173,6 +168,7 @@ class LanePool:
         self._tasks = tasks
         self._checks_motion = is_path and tasks[0].problem.sample_fraction.shape[1] > 1
         self._settings = jax.tree.map(_as_array, settings)
+        self._method = _method_of(settings)
         self._waiting = list(range(len(tasks)))[::-1]
         self._solutions: dict[int, NlpSolution] = {}
         self._lanes = [
@@ -182,7 +178,7 @@ class LanePool:
         # Idle lanes hold a copy of the first problem, and their status keeps them from being iterated.
         filled = [tasks[lane.task or 0] for lane in self._lanes]
         self._problems: Problem = stack([task.problem for task in filled])
-        self._states = initial_states(
+        self._states: AnyState = self._method.initial_states(
             model, self._problems, stack([task.start for task in filled]), self._settings
         )
         idle = [lane.task is None for lane in self._lanes]
@@ -197,7 +193,7 @@ class LanePool:
     def run(self) -> list[NlpSolution]:
         """Iterate until every task has a solution, and return the solutions in the order of the tasks."""
         while len(self._solutions) < len(self._tasks):
-            self._states, self._chunks = iterate(
+            self._states, self._chunks = self._method.iterate(
                 self._model, self._on_device, self._settings, self._states, self._chunks
             )
             ended = self._ended_lanes()
@@ -237,7 +233,7 @@ class LanePool:
         samples = sample_penetration(self._model, self._on_device, self._states.x)
         # JAX arrays cannot be changed in place, so what a restart changes is copied to NumPy arrays. The Gauss-Newton
         # systems, which are large, stay where they are.
-        self._states = _copy_to_host(self._states, RESTARTED)
+        self._states = _copy_to_host(self._states, self._method.RESTARTED)
         resumed = [index for index in unchecked if self._exchange(index, samples)]
         if resumed:
             moved = to_device((self._problems.sample_fraction, self._problems.sample_offset))
@@ -276,12 +272,12 @@ class LanePool:
         placed = exchange_samples(problem, q, samples.fraction[index], samples.depth[index])
         self._problems.sample_fraction[index] = placed.sample_fraction
         self._problems.sample_offset[index] = placed.sample_offset
-        _restart(self._states, index, float(self._settings.damping))
+        self._method.restart(self._states, index, self._settings)
         return True
 
     def _collect(self, ended: list[int]) -> None:
         """Store the solutions of lanes that have ended, and give the lanes new tasks or make them idle."""
-        final = _copy_to_host(self._states, ("x", "report", "kkt_residual", "iterations", "status"))
+        final = _copy_to_host(self._states, ("x", "report", "iterations", "status"))
         for index in ended:
             lane = self._lanes[index]
             assert lane.task is not None
@@ -298,9 +294,15 @@ class LanePool:
         starts = stack([task.start for task in tasks])
         self._states = jax.tree.map(np.array, self._states)
         _assign(self._problems, filled, problems)
-        _assign(self._states, filled, initial_states(self._model, problems, starts, self._settings))
+        states = self._method.initial_states(self._model, problems, starts, self._settings)
+        _assign(self._states, filled, states)
         self._on_device = to_device(self._problems)
         self._chunks = lay_out_chunks(self._on_device, _trial_points(self._states))
+
+
+def _method_of(settings: AnySettings) -> Any:
+    """Return the module that iterates lanes with these settings."""
+    return sequential_iteration if isinstance(settings, SequentialSettings) else iteration
 
 
 def _as_array(value: float) -> np.ndarray:
@@ -308,38 +310,15 @@ def _as_array(value: float) -> np.ndarray:
     return np.asarray(value, float if isinstance(value, float) else np.int32)
 
 
-def _copy_to_host(states: SolverState, names: Sequence[str]) -> SolverState:
+def _copy_to_host(states: AnyState, names: Sequence[str]) -> AnyState:
     """Return the states with the named fields as NumPy arrays that can be changed in place."""
     copies = {name: jax.tree.map(np.array, getattr(states, name)) for name in names}
     return states._replace(**copies)
 
 
-def _trial_points(states: SolverState) -> Variables:
+def _trial_points(states: AnyState) -> Variables:
     """Return the trial points of all lanes, computed on the host."""
     return jax.tree.map(lambda x, step: np.asarray(x) + np.asarray(step), states.x, states.step)
-
-
-def _restart(states: SolverState, index: int, damping: float) -> None:
-    """Start a lane that has ended again from its point; it keeps its multipliers and its penalty."""
-    for step in states.step:
-        step[index] = 0
-    for value in (
-        states.value,
-        states.updated_violation,
-        states.best_violation,
-        states.best.cost,
-    ):
-        value[index] = np.inf
-    for count in (
-        states.backtracks,
-        states.inner_iterations,
-        states.updates_without_progress,
-        states.iterations,
-        states.restoration,
-    ):
-        count[index] = 0
-    states.damping[index] = damping
-    states.status[index] = SolverStatus.RUNNING
 
 
 def _assign(target: Any, lanes: list[int], values: Any) -> None:
@@ -348,16 +327,17 @@ def _assign(target: Any, lanes: list[int], values: Any) -> None:
         leaf[lanes] = value
 
 
-def _solution(states: SolverState, index: int, earlier_iterations: int) -> NlpSolution:
+def _solution(states: AnyState, index: int, earlier_iterations: int) -> NlpSolution:
     """Return the solution of the NLP that a lane has solved."""
     violations = {name: value[index] for name, value in states.report.items()}
+    residual = states.kkt_residual[index] if isinstance(states, LaneState) else math.inf
     return NlpSolution(
         feasible=bool(states.status[index] in FOUND),
         relative_violation=float(relative_violation(violations)),
         violations={name: float(value) for name, value in violations.items()},
         q=np.array(states.x.q[index]),
         m=np.array(states.x.m[index]),
-        kkt_residual=float(states.kkt_residual[index]),
+        kkt_residual=float(residual),
         iterations=earlier_iterations + int(states.iterations[index]),
         status=SolverStatus(int(states.status[index])),
     )

@@ -5,7 +5,6 @@ A *lane* is one NLP with its point, multipliers and penalty; `dvr_jax.solver.aug
 
 from __future__ import annotations
 
-import math
 from enum import IntEnum
 from typing import Any, NamedTuple
 
@@ -33,18 +32,19 @@ class SolverStatus(IntEnum):
     """The lane has ended because the augmented Lagrangian is not finite at its start."""
 
     OPTIMAL = 5
-    """The lane has ended at a feasible point whose KKT residual is within its tolerance."""
+    """The lane has ended at a feasible point whose KKT residual is within its tolerance (see
+    `dvr_jax.solver.sequential`)."""
 
 
 class Termination(IntEnum):
-    """The point at which a lane may end."""
+    """The point at which the optimization of a path ends."""
 
     FEASIBLE = 0
-    """Any feasible point; it suffices for bounds and verdicts."""
+    """The first feasible point of the augmented Lagrangian method, which suffices for bounds and verdicts."""
 
     OPTIMAL = 1
-    """A feasible point that satisfies the KKT conditions within `Settings.kkt_tolerance`. A lane that does not reach
-    such a point within the iteration limit ends at the feasible point of least cost that it has visited."""
+    """A feasible point that satisfies the KKT conditions within a tolerance; sequential quadratic programming leads to
+    it from the first feasible point (`dvr_jax.solver.sequential`)."""
 
 
 class RestorationPhase(IntEnum):
@@ -67,9 +67,6 @@ class Settings(NamedTuple):
     change of one variable [m or rad].
     """
 
-    termination: int = Termination.FEASIBLE
-    """The point at which a lane may end, a `Termination`."""
-
     penalty: float = 3e3
     """Initial penalty [1/m^2]."""
 
@@ -91,17 +88,6 @@ class Settings(NamedTuple):
     step_damping: float = 1.0
     """Largest damping of a step that can end a subproblem; with more damping, a step is small without convergence."""
 
-    decrease_tolerance: float = 0.0
-    """A subproblem also ends with a step whose predicted decrease of the augmented Lagrangian is at most this fraction
-    of the cost, if its damping was at most `step_damping`."""
-
-    kkt_tolerance: float = 0.0
-    """Largest KKT residual of an optimal point, a fraction of the cost (`dvr_jax.solver.optimality`)."""
-
-    violation_limit: float = 1.0
-    """Largest violation of an optimal point, and of the feasible point that a lane goes back to. An optimum uses up
-    whatever violation is allowed."""
-
     inner_limit: int = 6
     """A subproblem also ends after this number of iterations."""
 
@@ -111,9 +97,6 @@ class Settings(NamedTuple):
     damping_floor: float = 0.5
     """Smaller dampings are raised to this number after a refused step, before they grow; damping that is much smaller
     than the curvature of the costs does not change the step."""
-
-    backtrack_limit: int = 0
-    """A refused step is shortened up to this number of times before the damping grows."""
 
     damping_limit: float = 1e4
     """Largest damping; if it is exceeded, the lane stays at its point and the damping is reset."""
@@ -143,48 +126,6 @@ class Settings(NamedTuple):
     """Value of the course at the iteration `course_start`, as a multiple of the tolerance."""
 
 
-OPTIMAL_SETTINGS = Settings(
-    termination=Termination.OPTIMAL,
-    penalty=10.0,
-    penalty_growth=4.0,
-    penalty_limit=300.0,
-    step_tolerance=1e-4,
-    step_damping=5e-3,
-    decrease_tolerance=2e-3,
-    kkt_tolerance=5e-3,
-    violation_limit=0.3,
-    inner_limit=8,
-    damping=5e-2,
-    damping_floor=1e-3,
-    backtrack_limit=4,
-    iteration_limit=100,
-    restoration_ratio=0.0,
-    patience=1000,
-    course_ratio=math.inf,
-)
-"""Settings with which optimal paths are found.
-
-The penalty is small, because a large penalty of a curved constraint allows only short steps along it; the multipliers
-make up for it. ``python -m dvr_jax.bench optimality`` measures how close the paths come to an optimum.
-"""
-
-
-class BestPoint(NamedTuple):
-    """The feasible point of least cost that a lane has visited."""
-
-    x: Any
-    """The point; the start if no feasible point was visited."""
-
-    cost: Float[Array, "*lanes"]
-    """Cost; infinite if no feasible point was visited."""
-
-    kkt_residual: Float[Array, "*lanes"]
-    """Its KKT residual."""
-
-    report: Any
-    """`SolverState.report` of this point."""
-
-
 class SolverState(NamedTuple):
     """The state of one lane between two iterations."""
 
@@ -211,21 +152,6 @@ class SolverState(NamedTuple):
 
     report: Any
     """Numbers about `x` that the caller wants to keep, a pytree of arrays; here the violation of each measure."""
-
-    kkt_residual: Float[Array, "*lanes"]
-    """KKT residual of `x` (`dvr_jax.solver.optimality`); infinite if it is not known."""
-
-    predicted_decrease: Float[Array, "*lanes"]
-    """Decrease of the augmented Lagrangian that its quadratic model predicts for the step before it was scaled."""
-
-    slope: Float[Array, "*lanes"]
-    """Derivative of the augmented Lagrangian along the step, its gradient times the step."""
-
-    backtracks: Int[Array, "*lanes"]
-    """How often the present step was shortened."""
-
-    best: BestPoint
-    """The feasible point of least cost so far; it is kept with `Termination.OPTIMAL` only."""
 
     updated_violation: Float[Array, "*lanes"]
     """Relative violation at the last multiplier update."""
@@ -255,20 +181,11 @@ class TrialUpdate(NamedTuple):
     accepted: Bool[Array, ""]
     """True if the trial point becomes the lane's point."""
 
-    shortening: Float[Array, ""]
-    """Factor by which a line search shortens the step if the trial point was refused."""
-
     feasible: Bool[Array, ""]
     """True if the lane ends at the trial point because it is feasible."""
 
     ended: Bool[Array, ""]
     """True if a subproblem has ended and the multipliers were updated."""
-
-    cost: Float[Array, ""]
-    """Cost at the trial point."""
-
-    gap: Float[Array, ""]
-    """Sum of the products of all rows with their multiplier estimates, as absolute values."""
 
     relative_violation: Float[Array, ""]
     """Largest violation at the trial point as a multiple of its tolerance."""

@@ -30,7 +30,8 @@ from dvr_jax.search.node_solver import NodeSolver
 from dvr_jax.search.work import Steps
 from dvr_jax.seeds.initial_paths import optimal_path_problem
 from dvr_jax.solver.lane_pool import NlpSolution, stack
-from dvr_jax.solver.state import OPTIMAL_SETTINGS, SolverStatus
+from dvr_jax.solver.sequential import SequentialSettings
+from dvr_jax.solver.state import SolverStatus
 from dvr_jax.workcell.model import WorkcellModel
 
 Floats = NDArray[np.float64]
@@ -85,7 +86,7 @@ def test_the_plan_states_how_good_its_path_is(optimized: Optimized) -> None:
     assert stated.termination == "optimal"
     assert optimized.optimal.status == SolverStatus.OPTIMAL
     assert stated.kkt_residual is not None
-    assert stated.kkt_residual <= OPTIMAL_SETTINGS.kkt_tolerance
+    assert stated.kkt_residual <= SequentialSettings().kkt_tolerance
     assert stated.cost == path_cost(_home(optimized.problem), optimized.optimal.q)
     assert stated.iterations == optimized.optimal.iterations
 

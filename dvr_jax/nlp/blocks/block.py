@@ -142,6 +142,19 @@ AddToSystem = Callable[[SystemParts, Problem, Variables, Any, Array, Array], Sys
 """Function that adds the rows of a block to a Gauss-Newton system; see `ConstraintBlock.add_to_system`."""
 
 
+EmptyJacobian = Callable[[Horizon, Callable[..., Any]], Any]
+"""Function that returns a placeholder of a block's Jacobian; see `ConstraintBlock.empty_jacobian`."""
+
+
+def no_jacobian(horizon: Horizon, zeros: Callable[..., Any]) -> None:
+    """Return None, the Jacobian of a block whose derivatives are constant or kept elsewhere.
+
+    Args:
+        horizon: Sizes of the NLP.
+        zeros: Function that returns an array of zeros of a shape.
+    """
+
+
 @dataclass(frozen=True)
 class ConstraintBlock:
     """A set of scalar constraints of one kind: their shape, values, derivatives, penalties and tolerances."""
@@ -169,3 +182,8 @@ class ConstraintBlock:
     """Function that returns the Gauss-Newton system with the rows of one problem (without batch axes) added to it.
     It is called as ``add_to_system(parts, problem, x, jacobian, multiplier_estimate, active_penalty)``; `jacobian` is
     that of the problem's `Evaluation`, and the last two arrays have the shape of the rows."""
+
+    empty_jacobian: EmptyJacobian = no_jacobian
+    """Function that returns a Jacobian of the right structure with all derivatives zero, for the sizes of an NLP. It is
+    called as ``empty_jacobian(horizon, zeros)``, where ``zeros(*shape)`` adds batch axes. Equalities need it, because
+    the solver keeps their Jacobians between iterations."""

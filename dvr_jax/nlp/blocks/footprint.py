@@ -1,18 +1,22 @@
 """The footprint block requires that an object that an action places lies within the rectangle of its support.
 
-It has four rows g for each action, in the support's own frame: the distances by which the object's footprint extends
-beyond the sides +x, +y, -x and -y of the support [m]. A prism (hx, hy, hz, r) that is turned by the angle ``a`` with
-respect to the support extends by
+It has 16 rows g for each action, in the support's own frame: the distances by which each of the four corners of the
+object's footprint extends beyond each of the sides +x, +y, -x and -y of the support [m]. The footprint of a prism
+(hx, hy, hz, r) that is turned by the angle ``a`` with respect to the support is a rectangle with rounded corners of the
+radius r. With the center's offset d, the signs u and v of a corner, and the support's half extents s, the center of the
+rounding is
 
-    e_x = |cos a| hx + |sin a| hy + r,        e_y = |sin a| hx + |cos a| hy + r
+    c_x = d_x + u hx cos a - v hy sin a,        c_y = d_y + u hx sin a + v hy cos a,
 
-from its center. With the center's offset d and the support's half extents s, the rows at +x and -x are
-``d_x + e_x - s_x`` and ``-d_x + e_x - s_x``. For an action that places nothing, the rows are the constant -1.
+and the rows at +x and -x are ``c_x + r - s_x`` and ``-c_x + r - s_x``. All corners have rows, because the one that
+extends furthest changes with the angle, and the maximum of the four has a kink where it does. For an action that places
+nothing, the rows are the constant -1.
 """
 
 from __future__ import annotations
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Float
 
 from dvr_jax.geometry.arrays import Array
@@ -37,9 +41,12 @@ SCALE = 1.0
 SIDES = 4
 """Number of sides of a support."""
 
+CORNERS = np.array([(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)])
+"""Signs u and v of the corners of a footprint."""
+
 
 def _shape(horizon: Horizon) -> tuple[int, ...]:
-    return (horizon.phases, SIDES)
+    return (horizon.phases, SIDES * len(CORNERS))
 
 
 def _scale(horizon: Horizon) -> float:
@@ -47,7 +54,7 @@ def _scale(horizon: Horizon) -> float:
 
 
 def _evaluate(given: EvaluationInput) -> Evaluation:
-    """Evaluate the rows, and their Jacobian by the mode parameters of the same action (B, K, 4, 4)."""
+    """Evaluate the rows, and their Jacobian by the mode parameters of the same action (B, K, 16, 4)."""
     problems = given.problems
     rows, jacobian = _overhang(problems, given.x.m)
     is_placed = problems.on_support[..., None] > 0
@@ -58,10 +65,11 @@ def _evaluate(given: EvaluationInput) -> Evaluation:
 
 def _overhang(
     problems: Problem, m: Array
-) -> tuple[Float[Array, "batch phases 4"], Float[Array, "batch phases 4 parameters"]]:
+) -> tuple[Float[Array, "batch phases 16"], Float[Array, "batch phases 16 parameters"]]:
     """Compute the overhang of every switched object at four sides [m], and its derivatives by the mode parameters."""
     prism = jnp.take_along_axis(problems.prism, problems.switched_object[..., None], axis=1)
-    support = problems.support
+    support = jnp.asarray(problems.support)
+    B, K = support.shape[:2]
 
     # The center's offset in the support's frame.
     c = jnp.cos(support[..., 2])
@@ -70,41 +78,32 @@ def _overhang(
     dy = m[..., 1] - support[..., 1]
     offset = jnp.stack([c * dx + s * dy, c * dy - s * dx], axis=-1)
 
-    # The extent e of the footprint, and its derivative by the yaw, with |cos|' = -sin sign(cos) and
-    # |sin|' = cos sign(sin).
-    turn = m[..., 2] - support[..., 2]
-    cosine = jnp.cos(turn)
-    sine = jnp.sin(turn)
-    hx = prism[..., 0]
-    hy = prism[..., 1]
-    extent_x = jnp.abs(cosine) * hx + jnp.abs(sine) * hy
-    extent_y = jnp.abs(sine) * hx + jnp.abs(cosine) * hy
-    extent = jnp.stack([extent_x, extent_y], axis=-1) + prism[..., 3, None]
-    fall = -sine * jnp.sign(cosine)
-    rise = cosine * jnp.sign(sine)
-    widening = jnp.stack([fall * hx + rise * hy, rise * hx + fall * hy], axis=-1)
+    # The corners from the center, and their derivatives by the yaw (B, K, 2, 4).
+    turn = (m[..., 2] - support[..., 2])[..., None]
+    hx = prism[..., 0, None] * CORNERS[:, 0]
+    hy = prism[..., 1, None] * CORNERS[:, 1]
+    corner_x = hx * jnp.cos(turn) - hy * jnp.sin(turn)
+    corner_y = hx * jnp.sin(turn) + hy * jnp.cos(turn)
+    corners = jnp.stack([corner_x, corner_y], axis=-2)
+    by_yaw = jnp.stack([-corner_y, corner_x], axis=-2)
 
     # The sides are in the order +x, +y, -x, -y, and the columns are x, y, yaw and the unused fourth parameter.
-    rows = jnp.concatenate([offset + extent, extent - offset], axis=-1) - jnp.tile(
-        support[..., 3:], 2
-    )
-    by_position = jnp.stack([jnp.stack([c, s], axis=-1), jnp.stack([-s, c], axis=-1)], axis=-2)
-    by_yaw = jnp.stack([widening, jnp.zeros_like(widening)], axis=-1)
-    jacobian = jnp.concatenate(
-        [
-            jnp.concatenate([by_position, -by_position], axis=-2),
-            jnp.concatenate([by_yaw, by_yaw], axis=-2),
-        ],
-        axis=-1,
-    )
-    return rows, jacobian
+    reach = offset[..., None] + corners
+    rounding = prism[..., 3, None, None]
+    limits = jnp.concatenate([support[..., 3:], support[..., 3:]], axis=-1)[..., None]
+    rows = jnp.concatenate([reach, -reach], axis=-2) + rounding - limits
+    by_x = jnp.broadcast_to(jnp.stack([c, -s], axis=-1)[..., None], reach.shape)
+    by_y = jnp.broadcast_to(jnp.stack([s, c], axis=-1)[..., None], reach.shape)
+    change = jnp.stack([by_x, by_y, by_yaw, jnp.zeros_like(by_yaw)], axis=-1)
+    jacobian = jnp.concatenate([change, -change], axis=-3)
+    return rows.reshape(B, K, -1), jacobian.reshape(B, K, -1, PARAMETERS)
 
 
 def _add_to_system(
     parts: SystemParts,
     problem: Problem,
     x: Variables,
-    jacobian: Float[Array, "phases 4 parameters"],
+    jacobian: Float[Array, "phases 16 parameters"],
     multiplier_estimate: Array,
     active_penalty: Array,
 ) -> SystemParts:

@@ -14,7 +14,8 @@ position p of the object then moves with ``v + omega x p``, and
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -94,6 +95,11 @@ def _evaluate(given: EvaluationInput) -> Evaluation:
 
     position = jnp.sqrt(jnp.sum(rows[..., :3] ** 2, axis=-1)).max(axis=1)
     return Evaluation(rows, _by_problem(jacobian, B, K), (position, angle.max(axis=1)))
+
+
+def _empty_jacobian(horizon: Horizon, zeros: Callable[..., Any]) -> SwitchJacobian:
+    K = horizon.phases
+    return SwitchJacobian(zeros(K, 6, horizon.joints), zeros(K, 6, 2, PARAMETERS))
 
 
 def _both_attachments(problems: Problem, m: Array) -> Attachment:
@@ -200,5 +206,6 @@ MODE_SWITCH = ConstraintBlock(
     scale=_scale,
     evaluate=_evaluate,
     add_to_system=_add_to_system,
+    empty_jacobian=_empty_jacobian,
 )
 """The block that gives a switched object the same pose before and after its switch."""

@@ -22,7 +22,8 @@ The joint angles at a sample of the fraction s are those of its interval's slice
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -237,6 +238,11 @@ def _evaluate_line(given: EvaluationInput) -> Evaluation:
     return Evaluation(rows, jacobian, (sideways, angle))
 
 
+def _empty_line_jacobian(horizon: Horizon, zeros: Callable[..., Any]) -> StraightJacobian:
+    shape = (*_line_shape(horizon), horizon.joints)
+    return StraightJacobian(zeros(*shape), zeros(*shape))
+
+
 def _evaluate_corridor(given: EvaluationInput) -> Evaluation:
     """Evaluate the rows of the corridor; those of a motion that is none are -1."""
     B, K = given.x.m.shape[:2]
@@ -338,6 +344,7 @@ STRAIGHT_LINE = ConstraintBlock(
     scale=_line_scale,
     evaluate=_evaluate_line,
     add_to_system=_add_to_system,
+    empty_jacobian=_empty_line_jacobian,
 )
 """The block that lets a hand come to an object, or leave it, from a point on the approach axis, without turning."""
 

@@ -1,0 +1,105 @@
+"""A small quadratic program with nonnegative variables, solved by block principal pivoting.
+
+The dual of a convex quadratic program with the inequalities ``J d + g <= 0`` is
+
+    minimize  1/2 y^T S y + b^T y    subject to  y >= 0,        S = J H^-1 J^T,
+
+where b is the negative of the inequalities' values at the minimum without them. At the solution, each row i has
+y_i = 0 and ``w_i = (S y + b)_i >= 0``, or y_i >= 0 and w_i = 0.
+
+The method guesses the set F of rows with w_i = 0 and solves ``S_FF y_F = -b_F``. Rows with y_i < 0 leave F, and rows
+with w_i < 0 enter it, all at once as long as that decreases the number of such rows, else only the last of them, which
+ends after finitely many steps (Judice and Pires 1994; Portugal, Judice and Vicente 1994).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Bool, Float, Int
+
+from dvr_jax.geometry.arrays import Array
+
+PIVOT_LIMIT = 60
+"""Largest number of steps; most programs of paths need fewer than ten."""
+
+FULL_TRIES = 5
+"""Number of steps in a row that exchange all rows without decreasing the number of wrong ones."""
+
+ROUNDING = 1e-9
+"""Multipliers and slacks above the negative of this count as nonnegative."""
+
+
+class _Pivoting(NamedTuple):
+    """State of the method."""
+
+    in_set: Bool[Array, " rows"]
+    """The set F."""
+
+    y: Float[Array, " rows"]
+    """Its solution."""
+
+    wrong: Bool[Array, " rows"]
+    """Rows that have to leave or to enter F."""
+
+    fewest: Int[Array, ""]
+    """Least number of wrong rows so far."""
+
+    tries: Int[Array, ""]
+    """How many more steps may exchange all rows."""
+
+    steps: Int[Array, ""]
+    """Number of steps so far."""
+
+
+def solve_nonnegative(
+    S: Float[Array, "rows rows"], b: Float[Array, " rows"], guess: Bool[Array, " rows"]
+) -> Float[Array, " rows"]:
+    """Minimize ``1/2 y^T S y + b^T y`` over y >= 0.
+
+    Args:
+        S: A symmetric positive definite matrix.
+        b: The linear term.
+        guess: Rows that probably have a positive multiplier.
+
+    Returns:
+        The multipliers y; if the limit of steps is reached, the last ones, with negative ones set to zero.
+    """
+    rows = len(b)
+    identity = jnp.eye(rows, dtype=S.dtype)
+
+    def solve(in_set: Array) -> tuple[Array, Array]:
+        """Return the solution for a set F, and which rows are wrong."""
+        both = in_set[:, None] & in_set[None]
+        factor = jnp.linalg.cholesky(jnp.where(both, S, identity), symmetrize_input=False)
+        y = jax.scipy.linalg.cho_solve((factor, True), jnp.where(in_set, -b, 0.0))
+        w = S @ y + b
+        return y, jnp.where(in_set, y < -ROUNDING, w < -ROUNDING)
+
+    def is_unsolved(state: _Pivoting) -> Array:
+        return jnp.any(state.wrong) & (state.steps < PIVOT_LIMIT)
+
+    def pivot(state: _Pivoting) -> _Pivoting:
+        count = jnp.sum(state.wrong, dtype=jnp.int32)
+        decreases = count < state.fewest
+        exchanges_all = decreases | (state.tries > 0)
+
+        # The last wrong row alone, where exchanging all of them leads nowhere.
+        last = jnp.arange(rows) == rows - 1 - jnp.argmax(state.wrong[::-1])
+        in_set = state.in_set ^ jnp.where(exchanges_all, state.wrong, last)
+        y, wrong = solve(in_set)
+        return _Pivoting(
+            in_set=in_set,
+            y=y,
+            wrong=wrong,
+            fewest=jnp.minimum(count, state.fewest),
+            tries=jnp.where(decreases, FULL_TRIES, state.tries - 1),
+            steps=state.steps + 1,
+        )
+
+    y, wrong = solve(guess)
+    count = jnp.zeros((), jnp.int32)
+    start = _Pivoting(guess, y, wrong, count + rows + 1, count + FULL_TRIES, count)
+    return jnp.maximum(jax.lax.while_loop(is_unsolved, pivot, start).y, 0.0)
