@@ -29,7 +29,7 @@ from dvr_jax.workcell.model import WorkcellModel
 COLLISIONS_PER_PHASE = 24
 """Number of working rows of a phase that are distances. At an optimum, five to ten of them have a multiplier."""
 
-OTHERS_PER_PHASE = 10
+OTHERS_PER_PHASE = 20
 """Number of working rows of a phase that are other inequalities."""
 
 FARTHEST = -0.1

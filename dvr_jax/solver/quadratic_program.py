@@ -14,6 +14,7 @@ ends after finitely many steps (Judice and Pires 1994; Portugal, Judice and Vice
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import jax
@@ -27,6 +28,9 @@ PIVOT_LIMIT = 60
 
 FULL_TRIES = 5
 """Number of steps in a row that exchange all rows without decreasing the number of wrong ones."""
+
+LARGEST_SET = 0.5
+"""Largest share of the rows in the set F; further ones count as rows without a multiplier."""
 
 ROUNDING = 1e-9
 """Multipliers and slacks above the negative of this count as nonnegative."""
@@ -68,13 +72,20 @@ def solve_nonnegative(
         The multipliers y; if the limit of steps is reached, the last ones, with negative ones set to zero.
     """
     rows = len(b)
-    identity = jnp.eye(rows, dtype=S.dtype)
+    most = max(1, math.ceil(LARGEST_SET * rows))
+    identity = jnp.eye(most, dtype=S.dtype)
 
     def solve(in_set: Array) -> tuple[Array, Array]:
         """Return the solution for a set F, and which rows are wrong."""
-        both = in_set[:, None] & in_set[None]
-        factor = jnp.linalg.cholesky(jnp.where(both, S, identity), symmetrize_input=False)
-        y = jax.scipy.linalg.cho_solve((factor, True), jnp.where(in_set, -b, 0.0))
+        # The set is small, so its rows are gathered; places without a row get the row of an identity matrix.
+        chosen = jnp.nonzero(in_set, size=most, fill_value=rows)[0]
+        is_row = chosen < rows
+        both = is_row[:, None] & is_row[None]
+        inside = jnp.where(both, S.at[chosen[:, None], chosen[None]].get(mode="clip"), identity)
+        factor = jnp.linalg.cholesky(inside, symmetrize_input=False)
+        right = jnp.where(is_row, -b.at[chosen].get(mode="clip"), 0.0)
+        found = jax.scipy.linalg.cho_solve((factor, True), right)
+        y = jnp.zeros_like(b).at[chosen].set(found, mode="drop")
         w = S @ y + b
         return y, jnp.where(in_set, y < -ROUNDING, w < -ROUNDING)
 

@@ -39,7 +39,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from dvr_jax.geometry.arrays import Array
 from dvr_jax.solver.state import SolverStatus
@@ -96,6 +96,10 @@ class SequentialSettings(NamedTuple):
 
     decrease_tolerance: float = 2e-4
     """The lane ends where the constraints hold and the predicted change of the cost is at most this fraction of it."""
+
+    refusal_tolerance: float = 2e-3
+    """The lane also ends after a refused step whose predicted change of the cost was at most this fraction of it. Such
+    steps are refused where a distance has a kink."""
 
     step_limit: float = 0.5
     """Largest change of one variable in one step [m or rad]; a longer step is scaled as a whole."""
@@ -181,6 +185,9 @@ class LaneState(NamedTuple):
 
     kkt_residual: Float[Array, "*lanes"]
     """KKT residual of `x`; infinite if it is not known."""
+
+    is_closing: Bool[Array, "*lanes"]
+    """Whether the lane has gone back to its best point, where only the KKT residual is still to be computed."""
 
     iterations: Int[Array, "*lanes"]
     """Number of evaluations of the constraints."""
@@ -334,32 +341,42 @@ def with_step(
     is_optimal &= state.violation <= state.allowed
     promises_little = jnp.abs(promised) <= settings.decrease_tolerance * jnp.abs(state.cost)
     is_over = linearized & promises_little & (state.violation <= state.allowed)
+    is_refused_gain = jnp.abs(promised) <= settings.refusal_tolerance * jnp.abs(state.cost)
+    is_over |= (verdict == Verdict.REFUSED) & is_refused_gain & (state.violation <= state.allowed)
     is_over |= damping > settings.damping_limit
     is_over |= state.iterations >= settings.iteration_limit
     state = state._replace(
         step=step, damping=damping, predicted_decrease=promised, kkt_residual=residual
     )
-    return _with_status(state, is_optimal, is_over)
+    return _with_status(settings, state, is_optimal, is_over)
 
 
-def _with_status(state: LaneState, is_optimal: Array, is_over: Array) -> LaneState:
-    """Return a lane with its new status; one that ends without an optimal point goes back to its best one."""
+def _with_status(
+    settings: SequentialSettings, state: LaneState, is_optimal: Array, is_over: Array
+) -> LaneState:
+    """Return a lane with its new status.
+
+    A lane that ends without an optimal point goes back to its best one. The constraints are linearized there once more
+    with the damping `kkt_damping`, so that the KKT residual of every solution is known.
+    """
     has_best = jnp.isfinite(state.best.cost)
-    goes_back = is_over & ~is_optimal & has_best
-    is_best = state.best.cost == state.cost
-    x, cost, report = _choose(
-        goes_back,
-        (state.best.x, state.best.cost, state.best.report),
-        (state.x, state.cost, state.report),
+    closes = is_over & ~is_optimal & ~state.is_closing & has_best
+    x, step = _choose(
+        closes,
+        (state.best.x, jax.tree.map(jnp.zeros_like, state.step)),
+        (state.x, state.step),
     )
-    ended = jnp.where(has_best, int(SolverStatus.FEASIBLE), int(SolverStatus.ITERATION_LIMIT))
-    status = jnp.where(is_over, ended, int(SolverStatus.RUNNING))
+
+    running = int(SolverStatus.RUNNING)
+    ended = jnp.where(has_best, running, int(SolverStatus.ITERATION_LIMIT))
+    status = jnp.where(is_over, ended, running)
+    status = jnp.where(state.is_closing, int(SolverStatus.FEASIBLE), status)
     status = jnp.where(is_optimal, int(SolverStatus.OPTIMAL), status)
     return state._replace(
         x=x,
-        cost=cost,
-        report=report,
-        kkt_residual=jnp.where(goes_back & ~is_best, jnp.inf, state.kkt_residual),
+        step=step,
+        damping=jnp.where(closes, settings.kkt_damping, state.damping),
+        is_closing=state.is_closing | closes,
         status=status.astype(jnp.int32),
     )
 

@@ -95,10 +95,15 @@ RESTARTED = (
     "best",
     "report",
     "kkt_residual",
+    "is_closing",
     "iterations",
     "status",
 )
 """Fields of `LaneState` that change when a lane is restarted or ends at the limit of its restarts."""
+
+
+LEAST_SCALE = 0.05
+"""A lower bound of the scales of all rows."""
 
 
 class QuadraticProgram(NamedTuple):
@@ -179,6 +184,7 @@ def initial_states(
         best=BestPoint(x, infinity, dict.fromkeys(TOLERANCES, infinity)),
         report=dict.fromkeys(TOLERANCES, infinity),
         kkt_residual=infinity,
+        is_closing=np.zeros(B, bool),
         iterations=count.copy(),
         status=count.copy(),
     )
@@ -252,7 +258,11 @@ def _scores(horizon: Horizon, program: QuadraticProgram, rows: FlatResiduals) ->
         inequality=jnp.maximum(rows.inequality, program.refused.inequality),
     )
     kept = jnp.where(program.has_multiplier, ALWAYS, take_rows(highest, program.rows))
-    return put_rows(kept, program.rows, highest)
+    scores = put_rows(kept, program.rows, highest)
+
+    # The scales bring meters and radians to a common scale.
+    scales = row_scales(horizon, rows.inequality.dtype)
+    return scores._replace(inequality=scores.inequality * scales.inequality)
 
 
 def _linearize(
@@ -292,7 +302,7 @@ def _linearize(
         flat = sides.of_joints.reshape(-1, sides.of_joints.shape[-1])
         matrix = flat.T @ flat + sides.of_parameters.T @ sides.of_parameters
         matrix += jnp.eye(len(matrix), dtype=matrix.dtype) / settings.equality_penalty
-        had_multiplier = take_rows(scores, index) >= ALWAYS
+        had_multiplier = take_rows(scores, index) >= LEAST_SCALE * ALWAYS
         return state.model._replace(
             factor=factor,
             jacobians=jacobians,
@@ -545,6 +555,7 @@ def restart(states: LaneState, index: int, settings: SequentialSettings) -> None
     states.damping[index] = float(settings.damping)
     states.funnel[index] = float(settings.funnel)
     states.corrections[index] = 0
+    states.is_closing[index] = False
     states.iterations[index] = 0
     states.status[index] = SolverStatus.RUNNING
 

@@ -77,6 +77,7 @@ def _start(example: Example) -> LaneState:
         best=BestPoint(x, infinity, infinity),
         report=infinity,
         kkt_residual=infinity,
+        is_closing=np.array(False),
         iterations=count,
         status=count,
     )
