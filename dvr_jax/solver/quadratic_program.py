@@ -23,14 +23,14 @@ from jaxtyping import Bool, Float, Int
 
 from dvr_jax.geometry.arrays import Array
 
-PIVOT_LIMIT = 60
+PIVOT_LIMIT = 100
 """Largest number of steps; most programs of paths need fewer than ten."""
 
 FULL_TRIES = 5
 """Number of steps in a row that exchange all rows without decreasing the number of wrong ones."""
 
 LARGEST_SET = 0.5
-"""Largest share of the rows in the set F; further ones count as rows without a multiplier."""
+"""Largest share of the rows that may be in the set F; where more want to enter it, those with the least w do."""
 
 ROUNDING = 1e-9
 """Multipliers and slacks above the negative of this count as nonnegative."""
@@ -44,6 +44,9 @@ class _Pivoting(NamedTuple):
 
     y: Float[Array, " rows"]
     """Its solution."""
+
+    w: Float[Array, " rows"]
+    """The product ``S y + b``."""
 
     wrong: Bool[Array, " rows"]
     """Rows that have to leave or to enter F."""
@@ -71,12 +74,14 @@ def solve_nonnegative(
     Returns:
         The multipliers y; if the limit of steps is reached, the last ones, with negative ones set to zero.
     """
+    S = jnp.asarray(S)
+    b = jnp.asarray(b)
     rows = len(b)
     most = max(1, math.ceil(LARGEST_SET * rows))
     identity = jnp.eye(most, dtype=S.dtype)
 
-    def solve(in_set: Array) -> tuple[Array, Array]:
-        """Return the solution for a set F, and which rows are wrong."""
+    def solve(in_set: Array) -> tuple[Array, Array, Array]:
+        """Return y and w for a set F, and which rows are wrong."""
         # The set is small, so its rows are gathered; places without a row get the row of an identity matrix.
         chosen = jnp.nonzero(in_set, size=most, fill_value=rows)[0]
         is_row = chosen < rows
@@ -87,7 +92,7 @@ def solve_nonnegative(
         found = jax.scipy.linalg.cho_solve((factor, True), right)
         y = jnp.zeros_like(b).at[chosen].set(found, mode="drop")
         w = S @ y + b
-        return y, jnp.where(in_set, y < -ROUNDING, w < -ROUNDING)
+        return y, w, jnp.where(in_set, y < -ROUNDING, w < -ROUNDING)
 
     def is_unsolved(state: _Pivoting) -> Array:
         return jnp.any(state.wrong) & (state.steps < PIVOT_LIMIT)
@@ -96,21 +101,29 @@ def solve_nonnegative(
         count = jnp.sum(state.wrong, dtype=jnp.int32)
         decreases = count < state.fewest
         exchanges_all = decreases | (state.tries > 0)
+        stays = state.in_set & ~state.wrong
+        enters = ~state.in_set & state.wrong
+        order = jnp.where(stays, -jnp.inf, jnp.where(enters, state.w, jnp.inf))
+        rank = jnp.zeros(rows, int).at[jnp.argsort(order)].set(jnp.arange(rows))
+        exchanged = (stays | enters) & (rank < most)
 
         # The last wrong row alone, where exchanging all of them leads nowhere.
         last = jnp.arange(rows) == rows - 1 - jnp.argmax(state.wrong[::-1])
-        in_set = state.in_set ^ jnp.where(exchanges_all, state.wrong, last)
-        y, wrong = solve(in_set)
+        in_set = jnp.where(exchanges_all, exchanged, state.in_set ^ last)
+        y, w, wrong = solve(in_set)
         return _Pivoting(
             in_set=in_set,
             y=y,
+            w=w,
             wrong=wrong,
             fewest=jnp.minimum(count, state.fewest),
             tries=jnp.where(decreases, FULL_TRIES, state.tries - 1),
             steps=state.steps + 1,
         )
 
-    y, wrong = solve(guess)
+    # A guess that is too large is not used.
+    guess = guess & (jnp.sum(guess) <= most)
+    y, w, wrong = solve(guess)
     count = jnp.zeros((), jnp.int32)
-    start = _Pivoting(guess, y, wrong, count + rows + 1, count + FULL_TRIES, count)
+    start = _Pivoting(guess, y, w, wrong, count + rows + 1, count + FULL_TRIES, count)
     return jnp.maximum(jax.lax.while_loop(is_unsolved, pivot, start).y, 0.0)

@@ -7,7 +7,13 @@ import pytest
 from nlp_cases import written_out
 
 from dvr_jax.nlp.system import BorderedSystem
-from dvr_jax.solver.banded import solve_bordered
+from dvr_jax.solver.banded import (
+    ReducedSides,
+    factorize_bordered,
+    reduce_sides,
+    solve_bordered,
+    solve_reduced,
+)
 
 
 def sample_system(phases: int, steps: int, joints: int = 14, seed: int = 0) -> BorderedSystem:
@@ -55,3 +61,25 @@ def test_an_indefinite_matrix_gives_nan(steps: int) -> None:
     assert np.isnan(dq).any()
     dq, _ = solve_bordered(system._replace(diagonal=diagonal), 2e3)
     assert np.isfinite(dq).all()
+
+
+@pytest.mark.parametrize("phases", [1, 3])
+def test_a_factor_solves_for_later_right_hand_sides(phases: int) -> None:
+    """Products of reduced sides are those with the inverse matrix, and the backward sweep gives the solution."""
+    system = sample_system(phases, 4)
+    T, D = system.gradient_q.shape
+    M = len(system.gradient_m)
+    damping = 0.3
+    inverse = np.linalg.inv(written_out(system) + damping * np.eye(T * D + M))
+    sides = np.random.default_rng(1).normal(size=(T * D + M, 5))
+
+    factor = jax.jit(factorize_bordered)(system, damping)
+    reduced = reduce_sides(factor, sides[: T * D].reshape(T, D, 5), sides[T * D :])
+    flat = np.concatenate([np.reshape(reduced.of_joints, (-1, 5)), reduced.of_parameters])
+    np.testing.assert_allclose(flat.T @ flat, sides.T @ inverse @ sides, rtol=1e-8)
+
+    one = ReducedSides(reduced.of_joints[..., 2], reduced.of_parameters[..., 2])
+    dq, dm = solve_reduced(factor, one, T)
+    np.testing.assert_allclose(
+        np.concatenate([np.ravel(dq), dm]), inverse @ sides[:, 2], rtol=1e-8, atol=1e-11
+    )
