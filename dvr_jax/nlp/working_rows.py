@@ -120,7 +120,7 @@ def take_rows(rows: FlatResiduals, index: RowIndex) -> Float[Array, " rows"]:
         rows: Values of all rows.
         index: The working rows.
     """
-    flat = jnp.reshape(rows.collision, -1)
+    flat = jnp.asarray(rows.collision).reshape(-1)
     distances = flat.at[index.collision].get(mode="fill", fill_value=FARTHEST)
     return jnp.concatenate([distances, rows.inequality[index.other]])
 
@@ -134,7 +134,7 @@ def put_rows(values: Float[Array, " rows"], index: RowIndex, into: FlatResiduals
         into: Values of all rows.
     """
     split = len(index.collision)
-    flat = jnp.reshape(into.collision, -1).at[index.collision].set(values[:split], mode="drop")
+    flat = jnp.asarray(into.collision).reshape(-1).at[index.collision].set(values[:split], mode="drop")
     return into._replace(
         collision=flat.reshape(into.collision.shape),
         inequality=jnp.asarray(into.inequality).at[index.other].set(values[split:]),
