@@ -6,6 +6,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from scipy.interpolate import interp1d
 from other_robots import SIX_JOINTS
 from puppet import Case
 
@@ -236,9 +237,8 @@ def test_pads_press_with_the_grip_force(carry: Case) -> None:
     commands = servo_commands(model, carry.scene, carry.motion, grips, conditions, 10.0)
     data = mujoco.MjData(model)
     data.qpos[:] = carry.motion.qpos[0]
-    for targets in commands.targets[
-        : round(1e3 * (carry.motion.time[carry.motion.switch[0]] + 0.5))
-    ]:
+    until = carry.motion.time[carry.motion.switch[0]] + 0.5
+    for targets in commands.targets[: round(until / model.opt.timestep)]:
         data.ctrl[:] = targets
         mujoco.mj_step(model, data)
 
@@ -252,6 +252,40 @@ def test_pads_press_with_the_grip_force(carry: Case) -> None:
             mujoco.mj_contactForce(model, data, index, force)
             pressing[names.pop()] += force[0]
     assert list(pressing.values()) == pytest.approx([40.0, 40.0], rel=0.1)
+
+
+def test_an_object_that_is_carried_on_an_arc_stays_in_the_fingers(carry: Case) -> None:
+    """The hand swings around its base at up to 2.4 m/s; the object moves by at most 2 mm in it."""
+    layout = qpos_layout(carry.scene)
+    planned = carry.motion.qpos
+    grasped, placed = carry.motion.switch
+    lifted = (grasped + placed) // 2
+
+    # From rest to rest: the object is lifted, then the first joint of the left arm turns by 2.4 rad.
+    step = carry.motion.step
+    tau = np.linspace(0, 1, round(1.5 / step) + 1)[1:]
+    law = tau**3 * (10 - 15 * tau + 6 * tau**2)
+    lift = interp1d(np.arange(len(planned)), planned, axis=0)(grasped + law * (lifted - grasped))
+    swing = np.repeat(planned[[lifted]], len(law), axis=0)
+    swing[:, layout.arm_joints[0, 0]] -= 2.4 * law
+    qpos = np.concatenate([planned[: grasped + 1], lift, swing])
+    motion = Motion(step * np.arange(len(qpos)), qpos, np.array([grasped]))
+    states = execute(carry.scene, carry.actions[:1], motion).qpos[: len(qpos)]
+
+    model = build_execution_model(carry.scene, ExecutionConditions())
+    data = mujoco.MjData(model)
+    in_hand = []
+    speeds = []
+    for state in states[[grasped + len(law), *range(len(qpos) - len(law), len(qpos))]]:
+        data.qpos[:] = state
+        mujoco.mj_kinematics(model, data)
+        hand = data.body("left/hand")
+        object_ = data.body(object_body_name("yellow"))
+        in_hand.append(hand.xmat.reshape(3, 3).T @ (object_.xpos - hand.xpos))
+        speeds.append(object_.xpos.copy())
+    fastest = np.linalg.norm(np.diff(speeds[1:], axis=0), axis=1).max() / step
+    assert fastest > 1.5
+    assert np.linalg.norm(np.diff(in_hand, axis=0).sum(axis=0)) < 2e-3
 
 
 def test_resting_arms_and_objects_stay_where_they_are(carry: Case) -> None:
