@@ -6,9 +6,9 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from scipy.interpolate import interp1d
 from other_robots import SIX_JOINTS
 from puppet import Case
+from scipy.interpolate import interp1d
 
 from dvr_jax.checker.operators import CHECKS
 from dvr_jax.checker.timeline import attachment_timeline
@@ -255,7 +255,7 @@ def test_pads_press_with_the_grip_force(carry: Case) -> None:
 
 
 def test_an_object_that_is_carried_on_an_arc_stays_in_the_fingers(carry: Case) -> None:
-    """The hand swings around its base at up to 2.4 m/s; the object moves by at most 2 mm in it."""
+    """The hand swings around its base at 1.8 m/s; the object moves by less than 0.5 mm in it."""
     layout = qpos_layout(carry.scene)
     planned = carry.motion.qpos
     grasped, placed = carry.motion.switch
@@ -285,7 +285,7 @@ def test_an_object_that_is_carried_on_an_arc_stays_in_the_fingers(carry: Case) -
         speeds.append(object_.xpos.copy())
     fastest = np.linalg.norm(np.diff(speeds[1:], axis=0), axis=1).max() / step
     assert fastest > 1.5
-    assert np.linalg.norm(np.diff(in_hand, axis=0).sum(axis=0)) < 2e-3
+    assert np.linalg.norm(np.diff(in_hand, axis=0).sum(axis=0)) < 5e-4
 
 
 def test_resting_arms_and_objects_stay_where_they_are(carry: Case) -> None:
