@@ -16,16 +16,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 from jaxtyping import Float
 
 from dvr_jax.bench.motion_states import MotionStates
+from dvr_jax.checker.loaded_arm import Load, LoadedArm
 from dvr_jax.motion.motion import Motion
 from dvr_jax.scene.layout import qpos_layout
 from dvr_jax.scene.mjcf import object_body_name
-from dvr_jax.scene.types import Scene, SceneObject
-from dvr_jax.workcell.robot import Robot
+from dvr_jax.scene.types import Scene
 
 RATE = 1000.0
 """Rate at which limits are looked at [1/s]; that of Franka's control interface."""
@@ -155,20 +154,6 @@ def arm_torques(
     return torques
 
 
-@dataclass(frozen=True, slots=True)
-class Load:
-    """An object in a hand."""
-
-    item: SceneObject
-    """The object."""
-
-    position: Float[np.ndarray, " 3"]
-    """Its center in the frame of the hand [m]."""
-
-    rotation: Float[np.ndarray, "3 3"]
-    """Its rotation in the frame of the hand."""
-
-
 def load_in_hand(states: MotionStates, arm: int, item: int, sample: int) -> Load:
     """Return an object as its hand holds it.
 
@@ -183,64 +168,3 @@ def load_in_hand(states: MotionStates, arm: int, item: int, sample: int) -> Load
     hand = f"{scene.workcell.arm_names[arm]}/hand"
     position, rotation = states.pose_in(object_body_name(held.name), hand)
     return Load(held, position[sample], rotation[sample])
-
-
-class LoadedArm:
-    """MuJoCo's inverse dynamics of one arm whose base stands upright, with a rigid body in its hand."""
-
-    def __init__(self, robot: Robot, load: Load | None = None) -> None:
-        """Compile the model.
-
-        Args:
-            robot: The robot.
-            load: What the hand holds; None for an empty hand.
-        """
-        spec = mujoco.MjSpec.from_string(robot.mjcf)
-        if load is not None:
-            quaternion = np.zeros(4)
-            mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(load.rotation).ravel())
-            body = spec.body("hand").add_body(pos=list(load.position), quat=quaternion)
-            name, numbers = load.item.kind.mujoco_geom(load.item.size)
-            body.add_geom(
-                type=getattr(mujoco.mjtGeom, f"mjGEOM_{name.upper()}"),
-                size=numbers,
-                density=load.item.density,
-            )
-        self._model = spec.compile()
-
-        # Contacts, limits, servos and damping are no part of the dynamics of the arm.
-        bits = mujoco.mjtDisableBit
-        self._model.opt.disableflags |= bits.mjDSBL_CONSTRAINT | bits.mjDSBL_ACTUATION
-        self._model.opt.disableflags |= bits.mjDSBL_DAMPER | bits.mjDSBL_SPRING
-        self._model.dof_armature[:] = 0.0
-        self._data = mujoco.MjData(self._model)
-        self._joints = robot.number_of_joints
-
-    def torques(
-        self,
-        q: Float[np.ndarray, "samples joints"],
-        velocity: Float[np.ndarray, "samples joints"],
-        acceleration: Float[np.ndarray, "samples joints"],
-        fingers: Float[np.ndarray, "samples 2"] | None = None,
-    ) -> Float[np.ndarray, "samples joints"]:
-        """Compute the torques that a motion takes [N m].
-
-        Args:
-            q: Joint angles [rad].
-            velocity: Joint velocities [rad/s].
-            acceleration: Joint accelerations [rad/s^2].
-            fingers: Travels of both fingers, which are taken to be at rest [m]; closed by default.
-        """
-        data = self._data
-        joints = self._joints
-        data.qpos[joints:] = 0.0
-        found = np.empty(q.shape)
-        for sample in range(len(q)):
-            data.qpos[:joints] = q[sample]
-            data.qvel[:joints] = velocity[sample]
-            data.qacc[:joints] = acceleration[sample]
-            if fingers is not None:
-                data.qpos[joints:] = fingers[sample]
-            mujoco.mj_inverse(self._model, data)
-            found[sample] = data.qfrc_inverse[:joints]
-        return found

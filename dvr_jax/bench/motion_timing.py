@@ -30,9 +30,10 @@ from toppra.constraint import (
     JointVelocityConstraint,
 )
 
-from dvr_jax.bench.motion_limits import LoadedArm, load_in_hand
+from dvr_jax.bench.motion_limits import load_in_hand
 from dvr_jax.bench.motion_states import MotionStates
 from dvr_jax.bench.slow_hands import slow_hand_limit
+from dvr_jax.checker.loaded_arm import LoadedArm
 from dvr_jax.motion.interpolation import spline_of
 from dvr_jax.motion.motion import Motion
 from dvr_jax.scene.layout import qpos_layout

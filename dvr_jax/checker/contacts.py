@@ -12,7 +12,11 @@ from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
+
+from dvr_jax.checker.collision_model import CollisionModel, SinglePairs
+from dvr_jax.checker.geom_poses import GeomPoses
+from dvr_jax.checker.pair_distances import PairsInStates, least_distances, pair_distances
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,33 +34,30 @@ class Contacts:
 
 
 def contacts_of(
-    model: mujoco.MjModel,
+    scene_model: CollisionModel,
     states: Float[np.ndarray, "states nq"],
+    poses: GeomPoses,
     margins: Float[np.ndarray, "states geoms"],
 ) -> Contacts:
     """Find the pairs of geoms in each state that are nearer to each other than the sum of their margins.
 
     Args:
-        model: Model of the scene; its margins are overwritten.
+        scene_model: Model of the scene; its margins and its data are overwritten.
         states: States.
+        poses: Poses of the geoms in these states.
         margins: Margin of each geom in each state [m].
 
     Returns:
         The contacts.
     """
-    pairs = _single_pairs(model)
-    limits = margins[:, pairs.first] + margins[:, pairs.second]
-    radii = model.geom_rbound[pairs.first] + model.geom_rbound[pairs.second]
-    squared_reach = (radii + limits) ** 2
-    geoms_of_pair = list(zip(pairs.first.tolist(), pairs.second.tolist(), strict=True))
+    model = scene_model.model
+    data = scene_model.data
     body_margins = _body_margins(model, margins)
 
     # The arrays of a model and its data stay where they are, and looking them up takes as long as filling them.
-    data = mujoco.MjData(model)
     state = data.qpos
     geom_margin = model.geom_margin
     body_margin = model.body_margin
-    position = data.geom_xpos
     found = _ContactLists()
     for index, qpos in enumerate(states):
         state[:] = qpos
@@ -66,15 +67,64 @@ def contacts_of(
         mujoco.mj_collision(model, data)
         found.add_state(index, data)
 
-        # Pairs whose bounding spheres are too far apart need no exact distance.
-        apart = position[pairs.first] - position[pairs.second]
-        candidates = np.flatnonzero(np.einsum("pi,pi->p", apart, apart) < squared_reach[index])
-        for pair in candidates.tolist():
-            limit = float(limits[index, pair])
-            distance = mujoco.mj_geomDistance(model, data, *geoms_of_pair[pair], limit, None)
-            found.singles.append((index, pair, distance))
+    return joined_contacts(
+        found.merged(scene_model.singles), _contacts_of_singles(scene_model, poses, margins)
+    )
 
-    return found.merged(pairs, limits)
+
+def _contacts_of_singles(
+    scene_model: CollisionModel, poses: GeomPoses, margins: Float[np.ndarray, "states geoms"]
+) -> Contacts:
+    """Find the single pairs that are nearer to each other than the sum of their margins.
+
+    Args:
+        scene_model: Model of the scene; its data is overwritten.
+        poses: Poses of the geoms in all states.
+        margins: Margin of each geom in each state [m].
+
+    Returns:
+        The contacts.
+    """
+    # Pairs whose bounds are too far apart need no exact distance.
+    first = scene_model.singles.first
+    second = scene_model.singles.second
+    limits = margins[:, first] + margins[:, second]
+    near = least_distances(scene_model.model, poses, first, second) < limits
+    state, number = np.nonzero(near)
+    pairs = PairsInStates(state, first[number], second[number], limits[near])
+    return near_contacts(pairs, pair_distances(scene_model, poses, pairs))
+
+
+def near_contacts(pairs: PairsInStates, distances: Float[np.ndarray, " pairs"]) -> Contacts:
+    """Return the pairs that are nearer than their limits.
+
+    Args:
+        pairs: Pairs of geoms in states.
+        distances: Their distances [m].
+
+    Returns:
+        The contacts.
+    """
+    near = distances < pairs.limit
+    geoms = np.stack([pairs.first[near], pairs.second[near]], axis=1)
+    return Contacts(pairs.state[near], distances[near], geoms)
+
+
+def joined_contacts(first: Contacts, second: Contacts) -> Contacts:
+    """Return the contacts of two searches.
+
+    Args:
+        first: Contacts of the first one.
+        second: Contacts of the second one.
+
+    Returns:
+        All of them.
+    """
+    return Contacts(
+        state=np.concatenate([first.state, second.state]),
+        distance=np.concatenate([first.distance, second.distance]),
+        geoms=np.concatenate([first.geoms, second.geoms]),
+    )
 
 
 def _body_margins(
@@ -90,81 +140,34 @@ def _body_margins(
     return of_bodies
 
 
-@dataclass(frozen=True, slots=True)
-class _SinglePairs:
-    """Pairs of geoms whose distance is computed for the pair alone."""
-
-    first: Int[np.ndarray, " pairs"]
-    """First geom of each pair."""
-
-    second: Int[np.ndarray, " pairs"]
-    """Second geom, of a higher number."""
-
-    table: Bool[np.ndarray, "geoms geoms"]
-    """Whether two geoms are such a pair."""
-
-
-def _single_pairs(model: mujoco.MjModel) -> _SinglePairs:
-    """Find the pairs of two boxes, or of a cylinder and anything, that are solid and not both fixed."""
-    is_box = model.geom_type == mujoco.mjtGeom.mjGEOM_BOX
-    is_cylinder = model.geom_type == mujoco.mjtGeom.mjGEOM_CYLINDER
-    is_fixed = model.body_weldid[model.geom_bodyid] == 0
-    solid = solid_geoms(model)
-
-    by_shape = (is_box[:, None] & is_box) | is_cylinder[:, None] | is_cylinder
-    may_meet = solid[:, None] & solid & ~(is_fixed[:, None] & is_fixed)
-    table = by_shape & may_meet & ~np.eye(model.ngeom, dtype=bool)
-    first, second = np.argwhere(np.triu(table)).T
-    return _SinglePairs(first, second, table)
-
-
-def solid_geoms(model: mujoco.MjModel) -> Bool[np.ndarray, " geoms"]:
-    """Find the geoms that collide with others."""
-    return np.asarray((model.geom_contype & model.geom_conaffinity) > 0)
-
-
 @dataclass(slots=True)
 class _ContactLists:
-    """Contacts of states that are looked at one after the other."""
+    """Contacts that the collision detection finds in states that are looked at one after the other."""
 
     states: list[int] = field(default_factory=list)
-    """State of each entry of the two lists below."""
+    """State of each contact."""
 
     distances: list[Float[np.ndarray, " found"]] = field(default_factory=lambda: [np.empty(0)])
-    """Distances that the collision detection found in each of these states [m]."""
+    """Distances in each of these states [m]."""
 
     geoms: list[Int[np.ndarray, "found 2"]] = field(
         default_factory=lambda: [np.empty((0, 2), np.int32)]
     )
-    """Geoms that it found."""
-
-    singles: list[tuple[int, int, float]] = field(default_factory=list)
-    """State, number of the pair, and distance [m] of single pairs."""
+    """Geoms of each contact."""
 
     def add_state(self, state: int, data: mujoco.MjData) -> None:
         """Keep what the collision detection found in a state."""
-        if data.ncon:
+        number = data.ncon
+        if number:
             contact = data.contact
-            self.states += [state] * data.ncon
+            self.states += [state] * number
             self.distances.append(np.array(contact.dist))
             self.geoms.append(np.array(contact.geom))
 
-    def merged(self, pairs: _SinglePairs, limits: Float[np.ndarray, "states pairs"]) -> Contacts:
-        """Join both kinds: single pairs within their limits, and what the collision detection found of all others."""
-        singles = np.array(self.singles, float).reshape(-1, 3)
-        state_of_single = singles[:, 0].astype(int)
-        pair_of_single = singles[:, 1].astype(int)
-        distance_of_single = singles[:, 2]
-        near = distance_of_single < limits[state_of_single, pair_of_single]
-        pair_geoms = np.stack([pairs.first, pairs.second], axis=1)
-
-        geoms = np.concatenate(self.geoms)
-        kept = ~pairs.table[geoms[:, 0], geoms[:, 1]]
+    def merged(self, singles: SinglePairs) -> Contacts:
+        """Join the contacts of all states, except those of single pairs."""
         states = np.array(self.states, np.int64)
-        return Contacts(
-            state=np.concatenate([states[kept], state_of_single[near]]),
-            distance=np.concatenate(
-                [np.concatenate(self.distances)[kept], distance_of_single[near]]
-            ),
-            geoms=np.concatenate([geoms[kept], pair_geoms[pair_of_single[near]]]),
-        )
+        distances = np.concatenate(self.distances)
+        geoms = np.concatenate(self.geoms)
+        kept = ~singles.table[geoms[:, 0], geoms[:, 1]]
+        return Contacts(states[kept], distances[kept], geoms[kept])

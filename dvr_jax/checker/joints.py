@@ -40,24 +40,23 @@ def check_joints(motion: ReplayedMotion, log: FindingLog) -> None:
     step = motion.motion.step
 
     for arm, arm_name in enumerate(workcell.arm_names):
-        home = np.array(workcell.home[arm])
-        for joint, angles in enumerate(motion.joint_angles(arm).T):
-            names = (f"{arm_name}/joint{joint + 1}",)
-            lower, upper = robot.joint_limits[:, joint]
-            excess = np.maximum(lower - angles, angles - upper)
-            log.add_worst(JOINT_LIMIT, 0, names, excess, LIMIT_TOLERANCE)
+        angles = motion.joint_angles(arm)
+        names = [(f"{arm_name}/joint{joint + 1}",) for joint in range(robot.number_of_joints)]
+        lower, upper = robot.joint_limits
+        excess = np.maximum(lower - angles, angles - upper)
 
-            speeds = np.diff(angles) / step
-            fastest = ROUNDING * float(robot.joint_velocity[joint])
-            log.add_worst(JOINT_SPEED, 1, names, np.abs(speeds), fastest)
+        # The arm rests before the motion and after it.
+        speeds = np.diff(angles, axis=0) / step
+        rest = np.zeros((1, robot.number_of_joints))
+        accelerations = np.abs(np.diff(speeds, axis=0, prepend=rest, append=rest)) / step
+        away = np.abs(angles[0] - workcell.home[arm])
 
-            # The arm rests before the motion and after it.
-            accelerations = np.abs(np.diff(speeds, prepend=0.0, append=0.0)) / step
-            largest = ROUNDING * float(robot.joint_acceleration[joint])
-            log.add_worst(JOINT_ACCELERATION, 0, names, accelerations, largest)
-
-            away = float(abs(angles[0] - home[joint]))
-            log.add(HOME_POSTURE, 0, names, away, LIMIT_TOLERANCE)
+        fastest = ROUNDING * robot.joint_velocity
+        largest = ROUNDING * robot.joint_acceleration
+        log.add_worst_of_each(JOINT_LIMIT, 0, names, excess, LIMIT_TOLERANCE)
+        log.add_worst_of_each(JOINT_SPEED, 1, names, np.abs(speeds), fastest)
+        log.add_worst_of_each(JOINT_ACCELERATION, 0, names, accelerations, largest)
+        log.add_worst_of_each(HOME_POSTURE, 0, names, away[None], LIMIT_TOLERANCE)
 
 
 def check_fingers(motion: ReplayedMotion, log: FindingLog) -> None:

@@ -26,6 +26,8 @@ JOINT_SPEED = FindingKind("joint speed", "{0} turns at {value}", "rad/s")
 JOINT_ACCELERATION = FindingKind(
     "joint acceleration", "{0} speeds up or slows down by {value}", "rad/s^2"
 )
+JOINT_JERK = FindingKind("joint jerk", "the acceleration of {0} changes by {value}", "rad/s^3")
+JOINT_TORQUE = FindingKind("joint torque", "{0} needs a torque of {value}", "N m")
 SWITCH_SPEED = FindingKind(
     "switch speed", "{0} turns at {value} as its gripper takes or gives", "rad/s"
 )
@@ -80,6 +82,8 @@ KINDS = (
     JOINT_LIMIT,
     JOINT_SPEED,
     JOINT_ACCELERATION,
+    JOINT_JERK,
+    JOINT_TORQUE,
     SWITCH_SPEED,
     HOME_POSTURE,
     FINGER_TRAVEL,

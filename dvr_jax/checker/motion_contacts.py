@@ -13,81 +13,81 @@ import mujoco
 import numpy as np
 from jaxtyping import Float, Int
 
-from dvr_jax.checker.contacts import Contacts, contacts_of, solid_geoms
+from dvr_jax.checker.all_poses import all_poses
+from dvr_jax.checker.collision_model import CollisionModel, solid_geoms
+from dvr_jax.checker.contacts import Contacts, joined_contacts, near_contacts
+from dvr_jax.checker.contacts_at_states import contacts_at_states
 from dvr_jax.checker.dense_states import states_between
+from dvr_jax.checker.geom_poses import GeomPoses, farthest_move, relative_poses
+from dvr_jax.checker.pair_distances import PairsInStates, pair_distances
 
 STEP_LENGTH = 0.002
 """Longest way that two geoms move relative to each other between two states that are looked at [m]. Half of it is the
 largest depth by which a penetration in between exceeds what is seen."""
 
 
-@dataclass(frozen=True, slots=True)
-class GeomPoses:
-    """World poses of all geoms of a model in many states."""
-
-    positions: Float[np.ndarray, "states geoms 3"]
-    """Centers [m]."""
-
-    rotations: Float[np.ndarray, "states geoms 3 3"]
-    """Rotations."""
-
-
 def find_contacts(
-    model: mujoco.MjModel, states: Float[np.ndarray, "states nq"], poses: GeomPoses
+    scene_model: CollisionModel,
+    states: Float[np.ndarray, "states nq"],
+    poses: GeomPoses,
+    accepted: Float[np.ndarray, "geoms geoms"],
 ) -> Contacts:
     """Find the contacts in all states of a motion and between them.
 
     Args:
-        model: Model of the scene; its margins are overwritten.
+        scene_model: Model of the scene; its margins and its data are overwritten.
         states: States, as `dense_states` returns them.
         poses: Poses of the geoms in these states.
+        accepted: Depth up to which two geoms may penetrate each other [m].
 
     Returns:
         The contacts; one between two states counts as one of the later state.
     """
     # Geoms that collide with nothing need no reach.
+    model = scene_model.model
     solid = np.flatnonzero(solid_geoms(model))
     reach = np.zeros((len(states) - 1, model.ngeom))
     shift = np.diff(poses.positions[:, solid], axis=0)
     turn = np.diff(poses.rotations[:, solid], axis=0)
-    reach[:, solid] = _farthest_move(shift, turn, model.geom_rbound[solid])
+    reach[:, solid] = farthest_move(shift, turn, model.geom_rbound[solid])
 
-    # A pair is near if its geoms could meet within half of the longer of the two adjacent steps.
-    padded = np.pad(reach, ((1, 1), (0, 0)))
-    margins = np.maximum(padded[:-1], padded[1:]) / 2
-    at_states = contacts_of(model, states, margins)
-
-    pieces = _pieces(model, at_states, reach, poses)
-    inner, step = states_between(model, states, pieces)
-    between = contacts_of(model, inner, np.zeros((len(inner), model.ngeom)))
-
-    return Contacts(
-        state=np.concatenate([at_states.state, step[between.state] + 1]),
-        distance=np.concatenate([at_states.distance, between.distance]),
-        geoms=np.concatenate([at_states.geoms, between.geoms]),
-    )
+    at_states = contacts_at_states(scene_model, states, poses, reach, accepted)
+    seen = _encounters(at_states, reach)
+    pieces = _pieces(model, seen, len(reach), poses)
+    between = _contacts_between(scene_model, states, seen, pieces)
+    return joined_contacts(at_states, between)
 
 
-def _farthest_move(
-    shift: Float[np.ndarray, "*batch 3"],
-    turn: Float[np.ndarray, "*batch 3 3"],
-    radius: Float[np.ndarray, "*#batch"],
-) -> Float[np.ndarray, "*batch"]:
-    """Bound how far any point of a body moves.
-
-    A point at a distance r from the body's origin moves by at most ``|shift| + |turn| r / sqrt(2)``: by an angle a it
-    turns along an arc of the chord ``2 r sin(a / 2)``, and the Frobenius norm is ``|turn| = sqrt(8) sin(a / 2)``.
+def _contacts_between(
+    scene_model: CollisionModel,
+    states: Float[np.ndarray, "states nq"],
+    seen: _Encounters,
+    pieces: Int[np.ndarray, " steps"],
+) -> Contacts:
+    """Find the contacts between states, in the steps that are divided.
 
     Args:
-        shift: How far the body's origin moves [m].
-        turn: Difference of the body's rotations.
-        radius: Largest distance of the body's points from its origin [m].
+        scene_model: Model of the scene; its data is overwritten.
+        states: States of the motion.
+        seen: Pairs that might meet in a step.
+        pieces: Number of pieces of each step.
 
     Returns:
-        The bound [m].
+        The contacts; they count as ones of the later state.
     """
-    chord = np.linalg.norm(turn, axis=(-2, -1)) / np.sqrt(2) * radius
-    return np.asarray(np.linalg.norm(shift, axis=-1) + chord)
+    inner, step = states_between(scene_model.model, states, pieces)
+    poses = all_poses(scene_model, inner).geoms
+
+    # Every pair that might meet in a step, in each of the states within this step.
+    number = (pieces - 1)[seen.step]
+    first_inner = np.searchsorted(step, seen.step)
+    entry = np.repeat(np.arange(len(number)), number)
+    offset = np.arange(len(entry)) - np.repeat(np.cumsum(number) - number, number)
+    state = first_inner[entry] + offset
+    pairs = PairsInStates(state, seen.first[entry], seen.second[entry], np.zeros(len(entry)))
+
+    found = near_contacts(pairs, pair_distances(scene_model, poses, pairs))
+    return Contacts(step[found.state] + 1, found.distance, found.geoms)
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,10 +111,7 @@ class _Encounters:
 
 
 def _pieces(
-    model: mujoco.MjModel,
-    contacts: Contacts,
-    reach: Float[np.ndarray, "steps geoms"],
-    poses: GeomPoses,
+    model: mujoco.MjModel, seen: _Encounters, steps: int, poses: GeomPoses
 ) -> Int[np.ndarray, " steps"]:
     """Find the number of pieces into which each step is divided, so that no geoms meet unseen within a piece.
 
@@ -124,27 +121,27 @@ def _pieces(
 
     Args:
         model: Model of the scene.
-        contacts: What touches or is near at the ends of the steps.
-        reach: How far any point of a geom moves in a step, at most [m].
+        seen: Pairs that might meet in a step.
+        steps: Number of the steps.
         poses: Poses of the geoms at the ends of the steps.
 
     Returns:
         The numbers of pieces.
     """
-    seen = _encounters(contacts, reach)
-    doubtful = seen.way - seen.apart > STEP_LENGTH
+    # A step in which no geoms move by more than the length of a piece is a single piece.
+    doubtful = (seen.way - seen.apart > STEP_LENGTH) & (seen.way > STEP_LENGTH)
     step = seen.step[doubtful]
     first = seen.first[doubtful]
     second = seen.second[doubtful]
 
     # Neighbors on an arm, and a gripper and what it holds, move together: seen from one, the other moves less.
-    p, R = _relative_poses(poses, step, first, second)
-    p_after, R_after = _relative_poses(poses, step + 1, first, second)
-    relative = _farthest_move(p_after - p, R_after - R, model.geom_rbound[second])
+    p, R = relative_poses(poses, step, first, second)
+    p_after, R_after = relative_poses(poses, step + 1, first, second)
+    relative = farthest_move(p_after - p, R_after - R, model.geom_rbound[second])
     way = np.minimum(seen.way[doubtful], relative)
     near = way - seen.apart[doubtful] > STEP_LENGTH
 
-    pieces = np.ones(len(reach), np.int64)
+    pieces = np.ones(steps, np.int64)
     np.maximum.at(pieces, step[near], np.ceil(way[near] / STEP_LENGTH).astype(np.int64))
     return pieces
 
@@ -183,25 +180,3 @@ def _encounters(contacts: Contacts, reach: Float[np.ndarray, "steps geoms"]) -> 
         np.tile(contacts.distance, 2)[valid],
     )
     return _Encounters(step, first, second, way, distances.sum(axis=1))
-
-
-def _relative_poses(
-    poses: GeomPoses,
-    state: Int[np.ndarray, " n"],
-    first: Int[np.ndarray, " n"],
-    second: Int[np.ndarray, " n"],
-) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3 3"]]:
-    """Compute the pose of one geom in the frame of another.
-
-    Args:
-        poses: World poses of all geoms.
-        state: State of each pair.
-        first: Geom whose frame is used.
-        second: Geom whose pose is computed.
-
-    Returns:
-        Positions [m] and rotations.
-    """
-    to_first = poses.rotations[state, first].swapaxes(-2, -1)
-    shift = poses.positions[state, second] - poses.positions[state, first]
-    return (to_first @ shift[..., None])[..., 0], to_first @ poses.rotations[state, second]

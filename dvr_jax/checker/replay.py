@@ -8,21 +8,22 @@ Any two bodies may penetrate each other by at most `DEEPEST_CONTACT`, and a hand
 `DEEPEST_GRIP`. If two bodies might meet between two samples, the check also examines states in between
 (`dvr_jax.checker.motion_contacts`).
 
-The check is kinematic: it computes no forces and no friction. A closed gripper is assumed to carry its object.
+The check is kinematic unless it is asked for the jerks and torques of the joints (`dvr_jax.checker.dynamics`). It
+computes no contact forces and no friction: a closed gripper is assumed to carry its object.
 """
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Sequence
-from dataclasses import dataclass
-from urllib.parse import unquote
 
-import mujoco
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
+from dvr_jax.checker.all_poses import all_poses
+from dvr_jax.checker.collision_model import collision_model
+from dvr_jax.checker.contacts import Contacts
 from dvr_jax.checker.dense_states import dense_states
+from dvr_jax.checker.dynamics import check_jerks, check_torques
 from dvr_jax.checker.goals import check_goal
 from dvr_jax.checker.joints import (
     check_fingers,
@@ -30,7 +31,7 @@ from dvr_jax.checker.joints import (
     check_rest_at_switches,
 )
 from dvr_jax.checker.kinds import PENETRATION
-from dvr_jax.checker.motion_contacts import GeomPoses, find_contacts
+from dvr_jax.checker.motion_contacts import find_contacts
 from dvr_jax.checker.objects import (
     check_attachment,
     check_start_and_speed,
@@ -45,7 +46,7 @@ from dvr_jax.checker.tolerances import DEEPEST_CONTACT, DEEPEST_GRIP, QUATERNION
 from dvr_jax.errors import MotionError
 from dvr_jax.logic import Action
 from dvr_jax.motion.motion import Motion, validate_motion
-from dvr_jax.scene.mjcf import build_model, object_body_name, qpos_layout
+from dvr_jax.scene.mjcf import object_body_name, qpos_layout
 from dvr_jax.scene.types import Scene
 from dvr_jax.workcell.robot import FINGERS
 
@@ -57,6 +58,7 @@ def check_motion(
     actions: Sequence[Action],
     motion: Motion,
     operators: Sequence[OperatorCheck] = CHECKS,
+    dynamics: bool = False,
 ) -> CheckReport:
     """Check a motion that claims to carry out actions from a scene's initial state to its goal.
 
@@ -65,6 +67,7 @@ def check_motion(
         actions: The actions, one for each switch of the motion.
         motion: The motion.
         operators: The check's operators; every action has to be of one of them.
+        dynamics: Whether jerks and torques of the joints are checked as well, which about doubles the time.
 
     Returns:
         The verdict with all findings.
@@ -78,6 +81,29 @@ def check_motion(
     log = FindingLog(motion.time)
     replayed, deepest = _replay(scene, motion, timeline, log)
 
+    _check_kinematics(replayed, timeline, log)
+    if dynamics:
+        check_jerks(replayed, log)
+        check_torques(replayed, timeline, log)
+
+    findings = log.findings()
+    return CheckReport(
+        passed=not findings,
+        findings=findings,
+        deepest_penetration=deepest,
+        samples=len(motion.time),
+        duration=float(motion.time[-1] - motion.time[0]),
+    )
+
+
+def _check_kinematics(replayed: ReplayedMotion, timeline: Timeline, log: FindingLog) -> None:
+    """Log everything that is wrong with a replayed motion, apart from penetrations.
+
+    Args:
+        replayed: The motion.
+        timeline: Its intervals.
+        log: Takes the findings.
+    """
     # What is required of every motion.
     check_joints(replayed, log)
     check_fingers(replayed, log)
@@ -90,16 +116,7 @@ def check_motion(
         check_attachment(replayed, interval, log)
         interval.operator.check(replayed, timeline, interval, log)
 
-    check_goal(scene.goal, replayed, timeline, log)
-
-    findings = log.findings()
-    return CheckReport(
-        passed=not findings,
-        findings=findings,
-        deepest_penetration=deepest,
-        samples=len(motion.time),
-        duration=float(motion.time[-1] - motion.time[0]),
-    )
+    check_goal(replayed.scene.goal, replayed, timeline, log)
 
 
 def validate_fit(scene: Scene, actions: Sequence[Action], motion: Motion) -> None:
@@ -148,46 +165,81 @@ def _replay(
     Returns:
         The poses, and the deepest penetration [m].
     """
-    # The search for contacts changes the model's margins, so it needs its own copy of the shared model.
-    model = copy.copy(build_model(scene))
-    states, sample = dense_states(model, motion)
-    poses = _all_poses(model, states)
+    scene_model = collision_model(scene)
+    states, sample = dense_states(scene_model.model, motion)
+    poses = all_poses(scene_model, states)
 
     # Contacts of all states, including those between the samples; a finding names the sample that a state leads to.
-    contacts = find_contacts(model, states, GeomPoses(poses.geom_positions, poses.geom_rotations))
-    labels = [_geom_label(model, geom) for geom in range(model.ngeom)]
-    grips = _grips(scene, timeline)
-    for contact in np.flatnonzero(contacts.distance < -DEEPEST_CONTACT):
-        first, second = contacts.geoms[contact]
-        names = tuple(sorted((labels[first], labels[second])))
-        depth = -float(contacts.distance[contact])
-        deepest = DEEPEST_GRIP if names in grips else DEEPEST_CONTACT
-        if depth <= deepest:
-            continue
-        log.add(
-            PENETRATION,
-            int(sample[contacts.state[contact]]),
-            names,
-            depth,
-            deepest,
-        )
+    accepted = _accepted_depths(scene_model.labels, _grips(scene, timeline))
+    contacts = find_contacts(scene_model, states, poses.geoms, accepted)
+    _log_penetrations(scene_model.labels, contacts, sample, accepted, log)
 
     # Of the states that lead to a sample, the last one is the sample itself. The other checks examine only samples.
     is_sample = np.append(np.diff(sample) > 0, True)
+    model = scene_model.model
     bodies = [model.body(object_body_name(item.name)).id for item in scene.objects]
     sites = [model.site(f"{arm}/gripper").id for arm in scene.workcell.arm_names]
     replayed = ReplayedMotion(
         scene=scene,
         motion=motion,
-        object_positions=poses.body_positions[is_sample][:, bodies],
-        object_rotations=poses.body_rotations[is_sample][:, bodies],
-        gripper_positions=poses.site_positions[is_sample][:, sites],
-        gripper_rotations=poses.site_rotations[is_sample][:, sites],
+        object_positions=poses.body_positions[:, bodies][is_sample],
+        object_rotations=poses.body_rotations[:, bodies][is_sample],
+        gripper_positions=poses.site_positions[:, sites][is_sample],
+        gripper_rotations=poses.site_rotations[:, sites][is_sample],
     )
     return replayed, max(0.0, -float(contacts.distance.min(initial=0.0)))
 
 
-def _grips(scene: Scene, timeline: Timeline) -> frozenset[tuple[str, ...]]:
+def _accepted_depths(
+    labels: tuple[str, ...], grips: frozenset[tuple[str, str]]
+) -> Float[np.ndarray, "geoms geoms"]:
+    """Return how deep each two geoms may penetrate each other [m].
+
+    Args:
+        labels: Name of the body of each geom.
+        grips: Names of two bodies of which one grasps the other.
+    """
+    accepted = np.full((len(labels), len(labels)), DEEPEST_CONTACT)
+    of_body = {name: np.array([label == name for label in labels]) for name in labels}
+    for first, second in grips:
+        together = of_body[first][:, None] & of_body[second]
+        accepted[together | together.T] = DEEPEST_GRIP
+    return accepted
+
+
+def _log_penetrations(
+    labels: tuple[str, ...],
+    contacts: Contacts,
+    sample: Int[np.ndarray, " states"],
+    accepted: Float[np.ndarray, "geoms geoms"],
+    log: FindingLog,
+) -> None:
+    """Log the contacts that are deeper than accepted.
+
+    Args:
+        labels: Name of the body of each geom.
+        contacts: The contacts.
+        sample: Sample that each state is or leads to.
+        accepted: Depth up to which two geoms may penetrate each other [m].
+        log: Takes the findings.
+    """
+    limits = accepted[contacts.geoms[:, 0], contacts.geoms[:, 1]]
+    too_deep = np.flatnonzero(-contacts.distance > limits)
+
+    # In the order of time, so that of equal depths the log keeps the first one.
+    order = np.argsort(contacts.state[too_deep], kind="stable")
+    for contact in too_deep[order].tolist():
+        first, second = sorted(labels[geom] for geom in contacts.geoms[contact].tolist())
+        log.add(
+            PENETRATION,
+            int(sample[contacts.state[contact]]),
+            (first, second),
+            -float(contacts.distance[contact]),
+            float(limits[contact]),
+        )
+
+
+def _grips(scene: Scene, timeline: Timeline) -> frozenset[tuple[str, str]]:
     """Return the labels of the bodies of a hand together with those of each object that it grasps in the plan."""
     grips = set()
     for interval in timeline.intervals:
@@ -195,58 +247,5 @@ def _grips(scene: Scene, timeline: Timeline) -> frozenset[tuple[str, ...]]:
             continue
         arm = scene.workcell.arm_names[interval.holder]
         item = f"object/{scene.objects[interval.object].name}"
-        grips |= {tuple(sorted((f"{arm}/{body}", item))) for body in ("hand", *FINGERS)}
+        grips |= {(f"{arm}/{body}", item) for body in ("hand", *FINGERS)}
     return frozenset(grips)
-
-
-@dataclass(frozen=True, slots=True)
-class _Poses:
-    """World poses of all bodies, sites and geoms of a MuJoCo model in many states: positions [m] and rotations."""
-
-    body_positions: Float[np.ndarray, "states bodies 3"]
-    body_rotations: Float[np.ndarray, "states bodies 3 3"]
-    site_positions: Float[np.ndarray, "states sites 3"]
-    site_rotations: Float[np.ndarray, "states sites 3 3"]
-    geom_positions: Float[np.ndarray, "states geoms 3"]
-    geom_rotations: Float[np.ndarray, "states geoms 3 3"]
-
-
-def _all_poses(model: mujoco.MjModel, states: Float[np.ndarray, "states nq"]) -> _Poses:
-    """Compute the world poses of all bodies, sites and geoms in all states by forward kinematics."""
-    data = mujoco.MjData(model)
-    number = len(states)
-    poses = _Poses(
-        body_positions=np.empty((number, model.nbody, 3)),
-        body_rotations=np.empty((number, model.nbody, 3, 3)),
-        site_positions=np.empty((number, model.nsite, 3)),
-        site_rotations=np.empty((number, model.nsite, 3, 3)),
-        geom_positions=np.empty((number, model.ngeom, 3)),
-        geom_rotations=np.empty((number, model.ngeom, 3, 3)),
-    )
-
-    # MuJoCo writes the poses of every state into the same arrays, so the attributes are looked up only once.
-    copies = (
-        (poses.body_positions, data.xpos),
-        (poses.body_rotations, data.xmat.reshape(-1, 3, 3)),
-        (poses.site_positions, data.site_xpos),
-        (poses.site_rotations, data.site_xmat.reshape(-1, 3, 3)),
-        (poses.geom_positions, data.geom_xpos),
-        (poses.geom_rotations, data.geom_xmat.reshape(-1, 3, 3)),
-    )
-    for index, qpos in enumerate(states):
-        data.qpos[:] = qpos
-        mujoco.mj_kinematics(model, data)
-        for kept, source in copies:
-            kept[index] = source
-    return poses
-
-
-def _geom_label(model: mujoco.MjModel, geom: int) -> str:
-    """Return the name of a geom's body for findings, as in "left/hand", "object/yellow" or "fixed/wall"."""
-    body = int(model.geom_bodyid[geom])
-    # Geoms of the world body, such as the table, are named individually.
-    name = str(model.body(body).name if body else model.geom(geom).name)
-    # The model encodes the names of a scene's bodies for XML.
-    if name.startswith(("object/", "fixed/")):
-        return unquote(name, errors="surrogatepass")
-    return name

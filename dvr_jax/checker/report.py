@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -27,7 +28,7 @@ class Finding:
     """The bodies, joints, arms or supports concerned."""
 
     value: float
-    """By how much, in m, rad, m/s, rad/s or rad/s^2."""
+    """By how much, in m, rad, m/s, rad/s, rad/s^2, rad/s^3 or N m."""
 
     limit: float
     """Largest value that is accepted, in the same unit."""
@@ -136,6 +137,29 @@ class FindingLog:
         if len(values):
             index = int(values.argmax())
             self.add(kind, first + index, names, float(values[index]), limit)
+
+    def add_worst_of_each(
+        self,
+        kind: FindingKind,
+        first: int,
+        names: Sequence[tuple[str, ...]],
+        values: Float[np.ndarray, "samples joints"],
+        limits: Float[np.ndarray, " joints"] | float,
+    ) -> None:
+        """Add the largest of the values of consecutive samples of each joint that exceeds its limit.
+
+        Args:
+            kind: What the values measure.
+            first: Sample of the first values.
+            names: Names of each joint.
+            values: The measured values.
+            limits: Largest values that are accepted.
+        """
+        limit_of_joint = np.broadcast_to(limits, len(names))
+        is_within = (values <= limit_of_joint).all(axis=0)
+        for joint in np.flatnonzero(~is_within).tolist():
+            limit = float(limit_of_joint[joint])
+            self.add_worst(kind, first, names[joint], values[:, joint], limit)
 
     def findings(self) -> tuple[Finding, ...]:
         """Return all findings in the order of their times, kinds and names."""

@@ -29,6 +29,7 @@ COMMANDS: dict[str, Command] = {
     "plan": Command(
         "dvr_jax.cli.plan", "plan one scene: from a scene file to a checked motion", at_once=True
     ),
+    "check": Command("dvr_jax.cli.check", "check a plan's motion anew, also its jerks and torques"),
     "execute": Command("dvr_jax.cli.execute", "execute a plan in a physics simulation"),
     "export": Command("dvr_jax.cli.export", "write a plan's motion for robot controllers"),
     "sample": Command("dvr_jax.cli.sample", "draw random scenes into a file"),

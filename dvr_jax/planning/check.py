@@ -17,10 +17,11 @@ def check(
     actions: Sequence[Action | str],
     motion: Motion,
     checks: Sequence[OperatorCheck] = CHECKS,
+    dynamics: bool = False,
 ) -> CheckReport:
     """Replay a motion in MuJoCo and report everything that is wrong with it.
 
-    The check is kinematic and independent: it shares no code with the optimizer.
+    The check is independent: it shares no code with the optimizer. It is kinematic unless `dynamics` is set.
 
     Args:
         scene: Valid scene in whose initial state the motion starts.
@@ -28,6 +29,7 @@ def check(
             one for each switch of the motion.
         motion: States of the whole scene, sampled in time.
         checks: What the operators of the actions mean to the check.
+        dynamics: Whether jerks and torques of the joints are checked as well, which about doubles the time.
 
     Returns:
         The verdict, and the findings with their times.
@@ -40,4 +42,4 @@ def check(
     valid_actions = parse_actions("the list of actions", actions)
     valid_motion = require_motion(motion)
 
-    return check_motion(valid_scene, valid_actions, valid_motion, checks)
+    return check_motion(valid_scene, valid_actions, valid_motion, checks, dynamics)

@@ -27,12 +27,13 @@ from dvr_jax.bench.mesh_distances import (
 from dvr_jax.bench.mesh_pairs import GRASPS, Pair, PairKind, make_body
 from dvr_jax.bench.motion_figures import motion_distances
 from dvr_jax.bench.motion_figures import motions as motion_table
-from dvr_jax.bench.motion_limits import Load, LoadedArm, limit_uses
+from dvr_jax.bench.motion_limits import limit_uses
 from dvr_jax.bench.motion_states import MotionStates, replay_states
 from dvr_jax.bench.motion_timing import fastest_duration, moving_parts, time_motion
 from dvr_jax.bench.motions import MotionsOptions
 from dvr_jax.bench.placement import carried_height, goal_placement
 from dvr_jax.bench.slow_hands import switching_arms
+from dvr_jax.checker.loaded_arm import Load, LoadedArm
 from dvr_jax.errors import DvrError
 from dvr_jax.motion.motion import Motion, make_motion
 from dvr_jax.scene.layout import home_qpos, qpos_layout
