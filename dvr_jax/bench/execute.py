@@ -34,7 +34,7 @@ class ExecuteOptions(ScenesOptions):
 
     search: str = "dvr"
     """dvr, classifier, mbts or bfs."""
-    termination: Literal["feasible", "optimal"] = "feasible"
+    termination: Literal["feasible", "optimal"] = "optimal"
     """Whether plans take the first feasible path or an optimal one."""
     object_noise: float = 0.0
     """Standard deviation of the initial displacement of each object along x and along y [mm]."""

@@ -46,8 +46,8 @@ def _row(file: RowsFile) -> list[str]:
         f"{len(file.rows):,} of {objects_in_words(options['objects'], options['shape'])}, "
         f"seed {options['seed']}, `{options['search']}`"
     )
-    if options["termination"] == "optimal":
-        name += ", optimal paths"
+    if options["termination"] == "feasible":
+        name += ", first feasible paths"
     low, high = options["friction"]
     friction = f"friction {low:g}" if low == high else f"friction {low:g} to {high:g}"
     noise = options["object_noise"]

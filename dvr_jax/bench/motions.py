@@ -50,7 +50,7 @@ class MotionsOptions(ScenesOptions):
 
     search: str = "dvr"
     """dvr, classifier, mbts or bfs."""
-    termination: Literal["feasible", "optimal"] = "feasible"
+    termination: Literal["feasible", "optimal"] = "optimal"
     """Whether plans take the first feasible path or an optimal one."""
     meshes: bool = False
     """Whether distances of the robot's meshes are computed; needs pip install 'dvr_jax[meshes]'."""

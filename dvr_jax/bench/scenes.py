@@ -135,7 +135,7 @@ def prepare_worker(options: ScenesOptions) -> None:
         warm_up(scene, options.k_max, network)
 
 
-def plan_scene(options: ScenesOptions, index: int, termination: str = "feasible") -> Plan:
+def plan_scene(options: ScenesOptions, index: int, termination: str = "optimal") -> Plan:
     """Plan one of the scenes.
 
     Args:

@@ -47,9 +47,8 @@ class PlanOptions:
     """Seconds after which the search gives up. A machine's first plan compiles for most of a minute, which counts."""
     clearance: float = 1.0
     """Factor of the distances that bodies keep, from 0 to 3."""
-    termination: Literal["feasible", "optimal"] = "feasible"
-    """Take the first feasible path (feasible), or optimize it until it satisfies the KKT conditions (optimal), which
-    takes longer."""
+    termination: Literal["feasible", "optimal"] = "optimal"
+    """Optimize the path until it satisfies the KKT conditions (optimal), or take the first feasible one (feasible)."""
     out: Path | None = None
     """Folder for plan.json, trajectory.npz, scene.xml, film.png, depth.png and plan.gif; it is made if missing."""
     animation: bool = True

@@ -134,7 +134,9 @@ def put_rows(values: Float[Array, " rows"], index: RowIndex, into: FlatResiduals
         into: Values of all rows.
     """
     split = len(index.collision)
-    flat = jnp.asarray(into.collision).reshape(-1).at[index.collision].set(values[:split], mode="drop")
+    flat = (
+        jnp.asarray(into.collision).reshape(-1).at[index.collision].set(values[:split], mode="drop")
+    )
     return into._replace(
         collision=flat.reshape(into.collision.shape),
         inequality=jnp.asarray(into.inequality).at[index.other].set(values[split:]),

@@ -54,7 +54,7 @@ def plan(
     operators: Sequence[Operator] = OPERATORS,
     checks: Sequence[OperatorCheck] = CHECKS,
     clearance: float = 1.0,
-    termination: str = "feasible",
+    termination: str = "optimal",
 ) -> Plan:
     """Find a sequence of actions that solves a scene, and a motion that carries it out and passes the check.
 
@@ -73,8 +73,8 @@ def plan(
         operators: Operators that the plan may consist of.
         checks: The operators' counterparts in the independent check, one for each operator.
         clearance: Factor of the workcell's clearances, from 0 to 3.
-        termination: "feasible" if the first feasible path will do, or "optimal" if the path is optimized until it
-            satisfies the KKT conditions, which takes longer.
+        termination: "optimal" if the path is optimized until it satisfies the KKT conditions, or "feasible" if the
+            first feasible path will do, whose motion takes longer.
 
     Returns:
         The plan. Its status says whether a motion was found, and if not, why the search ended.
@@ -105,14 +105,15 @@ def plan(
 
     # Tolerances of a micrometer need double precision. It is switched on here and not on import, because the import of
     # a package must not change the programs of others.
-    with jax.enable_x64(True), warming_up(planned, k_max, chosen_network, operators):
+    mode = Termination[termination.upper()]
+    with jax.enable_x64(True), warming_up(planned, k_max, chosen_network, operators, mode):
         outcome = run_search(
             search,
             tree,
             acceptance.accept,
             acceptance.progress,
             chosen_network,
-            Termination[termination.upper()],
+            mode,
         )
 
     options: dict[str, object] = {

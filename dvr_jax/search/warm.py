@@ -20,11 +20,12 @@ from dvr_jax.scene.types import Scene
 from dvr_jax.search.predictor import Encoding, Images, SequencePredictor
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.seeds.beam_batches import BeamTask, extend_beams
-from dvr_jax.seeds.initial_paths import initial_path, path_problem
+from dvr_jax.seeds.initial_paths import initial_path, optimal_path_problem, path_problem
 from dvr_jax.seeds.keyframe_beam import empty_beam
 from dvr_jax.solver.continuous_collision import sample_penetration
 from dvr_jax.solver.lane_pool import solve, stack
-from dvr_jax.solver.state import Settings
+from dvr_jax.solver.sequential import SequentialSettings
+from dvr_jax.solver.state import Settings, Termination
 from dvr_jax.workcell.model import WorkcellModel, workcell_model
 
 Job = Callable[[], None]
@@ -72,6 +73,13 @@ class _Programs:
         path = path_problem(problem, start)
         sample_penetration(self.model, stack([path]), stack([start]))
         solve(self.model, [path], [start], self.settings)
+
+    def optimize_path(self, length: int) -> None:
+        """Do one iteration of the optimization of a path."""
+        problem = self.problems[length]
+        start = initial_path(self.model, problem, self._home(length))
+        path = optimal_path_problem(problem, start)
+        solve(self.model, [path], [start], SequentialSettings(iteration_limit=1))
 
     def extend(self, lanes: int) -> None:
         """Extend a beam along the sequence, so many prefixes at a time."""
@@ -130,6 +138,7 @@ def warm_up(
     network: SequencePredictor[Images, Encoding] | None = None,
     stop: Callable[[], bool] = lambda: False,
     operators: Sequence[Operator] = OPERATORS,
+    termination: Termination = Termination.OPTIMAL,
 ) -> None:
     """Run every program once: one iteration of each NLP of 1 to `k_max` actions, one query of the network.
 
@@ -139,28 +148,34 @@ def warm_up(
         network: The network that guides the search, if any.
         stop: Asked between programs whether the rest is no longer needed.
         operators: The operators that are known.
+        termination: Whether paths will be optimized.
     """
     with jax.enable_x64(True):
         programs = _Programs(scene, k_max, operators)
-        for job in _jobs(programs, scene, network):
+        for job in _jobs(programs, scene, network, termination):
             if stop():
                 return
             job()
-    _ready.add(_key(scene, k_max, network, operators))
+    _ready.add(_key(scene, k_max, network, operators, termination))
 
 
 def _jobs(
-    programs: _Programs, scene: Scene, network: SequencePredictor[Images, Encoding] | None
+    programs: _Programs,
+    scene: Scene,
+    network: SequencePredictor[Images, Encoding] | None,
+    termination: Termination,
 ) -> list[Job]:
     """What has to be compiled, in the order in which a search comes to need it."""
     lengths = list(programs.problems)
     keyframes = {length: partial(programs.solve_keyframes, length) for length in lengths}
     paths = {length: partial(programs.solve_path, length) for length in lengths}
+    is_optimal = termination == Termination.OPTIMAL
+    optima = {length: partial(programs.optimize_path, length) for length in lengths if is_optimal}
     sizes = batch_sizes()
     lane_numbers = [*([1] if sizes.few else []), sizes.beam_lanes]
     extensions = [partial(programs.extend, lanes) for lanes in lane_numbers]
     if network is None:
-        return [*keyframes.values(), *reversed(extensions), *paths.values()]
+        return [*keyframes.values(), *reversed(extensions), *paths.values(), *optima.values()]
 
     # A guided search extends beams itself meanwhile; the prefixes and paths that it then has to solve are seldom the
     # shortest or the longest, so these come last.
@@ -170,6 +185,7 @@ def _jobs(
     for part in (from_middle[:-2], from_middle[-2:]):
         jobs += [keyframes[length] for length in part]
         jobs += [paths[length] for length in part]
+        jobs += [optima[length] for length in part if is_optimal]
     return [*jobs, *extensions]
 
 
@@ -187,12 +203,13 @@ def _key(
     k_max: int,
     network: SequencePredictor[Images, Encoding] | None,
     operators: Sequence[Operator],
+    termination: Termination,
 ) -> Hashable:
     """Equal for scenes and networks that use the same programs."""
     structure = workcell_model(scene.workcell).structure
     names = tuple(operator.name for operator in operators)
     size = None if network is None else network.size
-    return structure, len(scene.objects), len(scene.fixed), k_max, size, names
+    return structure, len(scene.objects), len(scene.fixed), k_max, size, names, termination
 
 
 @contextmanager
@@ -201,6 +218,7 @@ def warming_up(
     k_max: int,
     network: SequencePredictor[Images, Encoding] | None,
     operators: Sequence[Operator] = OPERATORS,
+    termination: Termination = Termination.OPTIMAL,
 ) -> Iterator[None]:
     """Compile on another core what the work inside will soon need, unless this process has it.
 
@@ -209,12 +227,15 @@ def warming_up(
         k_max: Largest number of actions.
         network: The network that guides the search, if any.
         operators: The operators that are known.
+        termination: Whether paths will be optimized.
     """
-    if _key(scene, k_max, network, operators) in _ready:
+    if _key(scene, k_max, network, operators, termination) in _ready:
         yield
         return
     done = Event()
-    thread = Thread(target=warm_up, args=(scene, k_max, network, done.is_set, operators))
+    thread = Thread(
+        target=warm_up, args=(scene, k_max, network, done.is_set, operators, termination)
+    )
     thread.start()
     try:
         yield
