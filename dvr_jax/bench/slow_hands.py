@@ -13,7 +13,7 @@ from toppra.constraint import JointVelocityConstraintVarying
 
 from dvr_jax.bench.motion_states import MotionStates
 from dvr_jax.planning.carried_objects import gripper_frames
-from dvr_jax.planning.path_motion import STRAIGHT_SPEED
+from dvr_jax.planning.path_motion import near_speed
 from dvr_jax.scene.layout import qpos_layout
 
 LEAST_LIMIT = 1e-4
@@ -48,8 +48,10 @@ def slow_hand_limit(
     rate = np.full(len(points), LARGEST_RATE)
     for end, arms in ((0, switching_arms(states, first)), (-1, switching_arms(states, last))):
         for arm in arms:
-            close = np.linalg.norm(hands[:, arm] - hands[end, arm], axis=1) <= near
-            limit = STRAIGHT_SPEED / np.maximum(travel[:, arm], STRAIGHT_SPEED / LARGEST_RATE)
+            distance = np.linalg.norm(hands[:, arm] - hands[end, arm], axis=1)
+            close = distance <= near
+            fastest = near_speed(distance)
+            limit = fastest / np.maximum(travel[:, arm], fastest / LARGEST_RATE)
             rate[close] = np.minimum(rate, limit)[close]
 
     joints = qpos_layout(states.scene).arm_joints.reshape(-1)

@@ -43,9 +43,15 @@ FINGER_SPEED_FRACTION = 0.9
 FINGER_RAMP = 0.15
 """Fraction of the duration of a motion of the fingers in which they gain speed, and in which they lose it."""
 
-STRAIGHT_SPEED = 0.25
-"""Largest speed of a hand in the interval before and after a switch in which it takes part [m/s]. Servos follow a slow
-hand closely, where fingers pass an object at a distance of millimeters."""
+NEAR_SPEED = 0.25
+"""Largest speed of a hand near its pose at a switch in which it takes part [m/s]. Servos follow a slow hand closely,
+where fingers pass an object at a distance of millimeters."""
+
+NEAR_DISTANCE = 0.02
+"""Distance up to which a hand is near [m]."""
+
+NEAR_ACCELERATION = 3.0
+"""Beyond this distance, the bound of the speed is that of a hand that comes there at this deceleration [m/s^2]."""
 
 SHORTEST_PAUSE = 0.1
 """Shortest time for which the arms rest at a switch [s]."""
@@ -95,7 +101,7 @@ def interpolate(
         # The last interval of a phase is a pause, which has its own duration.
         points = curve(np.linspace(k * S, (k + 1) * S - 1, CURVE_POINTS * (S - 1) + 1))
         times = _shortest_times(scene, problem, points, k)
-        moving = time_optimal(points, limits, _torques(scene, problem, k), times)[1:]
+        moving = time_optimal(points, _limits_of(limits, problem, k), _torques(scene, problem, k), times)[1:]
         parts.append(_moving_part(moving, opening[k], k))
         parts.append(_pause(scene.workcell.robot, q[(k + 1) * S - 1], opening[k : k + 2], k))
 
@@ -186,23 +192,59 @@ def _shortest_times(
     arms = np.asarray(problem.arm_at_rest)
     leaving = arms[phase - 1] if phase else np.zeros_like(arms[0])
     times = np.zeros(len(points) - 1)
-    for first, own in ((0, leaving), (len(times) - CURVE_POINTS, arms[phase])):
-        part = slice(first, first + CURVE_POINTS + 1)
-        moved = _hand_travels(scene, points[part])[:, own > 0]
-        if moved.size:
-            times[first : first + CURVE_POINTS] = moved.max(axis=1) / STRAIGHT_SPEED
+    for first, switch, own in (
+        (0, 0, leaving),
+        (len(times) - CURVE_POINTS, CURVE_POINTS, arms[phase]),
+    ):
+        if not own.any():
+            continue
+        hands = _hand_positions(scene, points[first : first + CURVE_POINTS + 1])[:, own > 0]
+        travel = np.linalg.norm(np.diff(hands, axis=0), axis=2)
+        distance = np.linalg.norm((hands[1:] + hands[:-1]) / 2 - hands[switch], axis=2)
+        speed = near_speed(distance)
+        holding = _holding(problem, phase, len(own))[own > 0]
+        speed[:, holding] = near_speed_h(distance)[:, holding]
+        times[first : first + CURVE_POINTS] = (travel / speed).max(axis=1)
     return times
 
 
-def _hand_travels(
+def near_speed(distance: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+    """Return the largest speed of a hand at some distances from its pose at a switch in which it takes part [m/s]."""
+    beyond = np.maximum(distance - NEAR_DISTANCE, 0.0)
+    return np.sqrt(NEAR_SPEED**2 + 2 * NEAR_ACCELERATION * beyond)
+
+
+HELD_FRACTION = 1.0
+HOLD = (0.25, 1.0, 3.0)
+
+
+def near_speed_h(distance):
+    return np.sqrt(HOLD[0] ** 2 + 2 * HOLD[2] * np.maximum(distance - HOLD[1], 0.0))
+
+
+def _holding(problem, phase, arms):
+    h = np.zeros(arms, bool)
+    for kind, parent in zip(problem.mode_kind[phase], problem.mode_parent[phase]):
+        if int(kind) == ModeKind.HELD:
+            h[int(parent)] = True
+    return h
+
+
+def _limits_of(limits, problem, phase):
+    from dataclasses import replace
+    h = _holding(problem, phase, problem.still_arm.shape[-1])
+    f = np.repeat(np.where(h, HELD_FRACTION, 1.0), len(limits.acceleration) // len(h))
+    return replace(limits, acceleration=limits.acceleration * f)
+
+
+def _hand_positions(
     scene: Scene, points: Float[np.ndarray, "points joints"]
-) -> Float[np.ndarray, "points-1 arms"]:
-    """Return how far each gripper center moves from each point to the next one [m]."""
+) -> Float[np.ndarray, "points arms 3"]:
+    """Return the gripper centers of all arms at some joint angles [m]."""
     layout = qpos_layout(scene)
     qpos = np.tile(home_qpos(scene), (len(points), 1))
     qpos[:, layout.arm_joints.reshape(-1)] = points
-    positions, _ = gripper_frames(scene, qpos)
-    return np.asarray(np.linalg.norm(np.diff(positions, axis=0), axis=2))
+    return gripper_frames(scene, qpos)[0]
 
 
 def _moving_part(
@@ -277,6 +319,7 @@ def _retreat_part(
     if len(away) < 2:
         return []
     points = np.concatenate([q[-1:], away])
-    times = np.full(len(away), distance / RETREAT_STEPS / STRAIGHT_SPEED)
+    step = distance / RETREAT_STEPS
+    times = step / near_speed(step * (np.arange(len(away)) + 0.5))
     moving = time_optimal(points, limits, _torques(scene, problem, K), times)[1:]
     return [_moving_part(moving, np.asarray(problem.finger_opening)[-1], K)]
