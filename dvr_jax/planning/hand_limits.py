@@ -25,7 +25,7 @@ from dvr_jax.scene.types import Scene
 NEAR_SPEED = 0.25
 """Largest speed of a hand near its pose at a switch in which it takes part [m/s]."""
 
-NEAR_DISTANCE = 0.02
+NEAR_DISTANCE = 0.01
 """Distance from this pose up to which it holds [m]."""
 
 NEAR_ACCELERATION = 3.0
@@ -37,10 +37,10 @@ SLOW_DISTANCE = 0.05
 EMPTY_ACCELERATION = 10.0
 """Largest acceleration of an empty hand along each axis of the world [m/s^2]."""
 
-HELD_ACCELERATION = 5.0
+HELD_ACCELERATION = 6.0
 """The same of a hand that holds an object at its center [m/s^2]."""
 
-HALVING_MOMENT = 0.15
+HALVING_MOMENT = 0.1
 """Moment of an object's weight about the axis through the pads that halves this acceleration [N m]."""
 
 GRAVITY = 9.81
