@@ -47,7 +47,7 @@ class MotionLimits:
 
 @dataclass(frozen=True, slots=True)
 class LimitUse:
-    """How much of its limits a motion uses at each sample: the largest ratio of a quantity to its limit, of any joint."""
+    """How much of its limits a motion uses at each sample: the largest ratio to a limit of any joint."""
 
     velocity: Float[np.ndarray, " samples"]
     acceleration: Float[np.ndarray, " samples"]
@@ -97,7 +97,9 @@ def limit_use(
     acceleration = 2 * c[1, inner]
     between = c[2] + c[1] * step + c[0] * (0.75 * step**2)
 
-    def largest(values: Float[np.ndarray, "times joints"], limit: Float[np.ndarray, " joints"]) -> np.ndarray:
+    def largest(
+        values: Float[np.ndarray, "times joints"], limit: Float[np.ndarray, " joints"]
+    ) -> np.ndarray:
         """Return the largest ratio to the limit of any joint."""
         return np.asarray((np.abs(values) / limit).max(axis=1))
 
@@ -105,7 +107,9 @@ def limit_use(
     by_jerk = largest(6 * c[0], limits.jerk)
     before = slice(inner.start - 1, inner.stop - 1)
     return LimitUse(
-        velocity=np.maximum.reduce([largest(velocity, limits.velocity), by_middle[inner], by_middle[before]]),
+        velocity=np.maximum.reduce(
+            [largest(velocity, limits.velocity), by_middle[inner], by_middle[before]]
+        ),
         acceleration=largest(acceleration, limits.acceleration),
         jerk=np.maximum(by_jerk[inner], by_jerk[before]),
         torque=_torque_use(samples, velocity, acceleration, limits.torque, torques),

@@ -48,7 +48,7 @@ GRAVITY = 9.81
 
 
 def near_speed(distance: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-    """Return the largest speed of a hand at some distances [m] from its pose at a switch [m/s]; infinite far from it."""
+    """Return the largest speed of a hand at some distances [m] from its pose at a switch [m/s]; infinite far away."""
     beyond = np.maximum(distance - NEAR_DISTANCE, 0.0)
     speed = np.sqrt(NEAR_SPEED**2 + 2 * NEAR_ACCELERATION * beyond)
     return np.where(distance > SLOW_DISTANCE, np.inf, speed)
@@ -74,7 +74,7 @@ def hand_accelerations(
         if int(problem.mode_kind[phase, item]) != ModeKind.HELD:
             continue
 
-        # The axis through the pads goes through the gripper center, and so does the plane in which the object lies.
+        # A grasp centers the object between the pads, so its offset from the gripper center is the lever of its weight.
         action = int(problem.mode_action[phase, item])
         yaw = float(problem.closing_yaw[action])
         _, offset = held.pose_on_host(m[action], yaw, np.eye(3)[None], np.zeros((1, 3)))

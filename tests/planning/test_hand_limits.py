@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from dvr_jax import sample_scenes
+from dvr_jax.planning.carried_objects import gripper_frames
 from dvr_jax.planning.hand_limits import (
     HELD_ACCELERATION,
     NEAR_ACCELERATION,
@@ -12,7 +13,6 @@ from dvr_jax.planning.hand_limits import (
     SLOW_DISTANCE,
     near_speed,
 )
-from dvr_jax.planning.carried_objects import gripper_frames
 from dvr_jax.planning.planner import plan
 
 RATE = 1000.0
