@@ -8,7 +8,7 @@ samples. Its velocity is looked at in the middle between two samples as well.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -85,7 +85,7 @@ def limit_use(
         torques: Inverse dynamics with what the arms hold.
 
     Returns:
-        The ratios. Torques do not count where they already exceed their limit at rest.
+        The ratios. Those of torques are zero if another limit is exceeded, and where a torque is too large at rest.
     """
     padded = np.pad(samples, ((REST_SAMPLES, REST_SAMPLES), (0, 0)), mode="edge")
     time = step * np.arange(len(padded))
@@ -106,14 +106,20 @@ def limit_use(
     by_middle = largest(between, limits.velocity)
     by_jerk = largest(6 * c[0], limits.jerk)
     before = slice(inner.start - 1, inner.stop - 1)
-    return LimitUse(
+    use = LimitUse(
         velocity=np.maximum.reduce(
             [largest(velocity, limits.velocity), by_middle[inner], by_middle[before]]
         ),
         acceleration=largest(acceleration, limits.acceleration),
         jerk=np.maximum(by_jerk[inner], by_jerk[before]),
-        torque=_torque_use(samples, velocity, acceleration, limits.torque, torques),
+        torque=np.zeros(len(samples)),
     )
+
+    # Torques take longest to compute, and where another limit is exceeded, the motion will change anyway.
+    if use.slowdown() > 1:
+        return use
+    torque = _torque_use(samples, velocity, acceleration, limits.torque, torques)
+    return replace(use, torque=torque)
 
 
 def _torque_use(

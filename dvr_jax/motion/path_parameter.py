@@ -5,7 +5,8 @@ A path is traversed with the speed s' and the acceleration s'' of its parameter 
 
     -lower <= a u + b x <= upper,        a, b, lower, upper from `PathLimits`,
 
-and ``x <= speed^2``. Between two points of the grid at the distance d, u is constant, so that x changes by ``2 d u``.
+and ``x <= largest^2`` for a largest speed. Between two points of the grid at the distance d, u is constant, so that x
+changes by ``2 d u``.
 
 TOPP-RA (H. Pham and Q.-C. Pham, "A new approach to time-optimal path parameterization based on reachability analysis",
 IEEE Transactions on Robotics 34, 2018) makes two passes. The backward pass computes at each point the largest x from
@@ -28,7 +29,7 @@ from jaxtyping import Float
 
 @dataclass(frozen=True, slots=True)
 class PathLimits:
-    """Limits ``-lower <= a s'' + b s'^2 <= upper`` and ``s' <= speed`` at the points of a grid."""
+    """Limits ``-lower <= a s'' + b s'^2 <= upper`` at the points of a grid."""
 
     a: Float[np.ndarray, "points rows"]
     """Factors of s''."""
@@ -42,31 +43,80 @@ class PathLimits:
     upper: Float[np.ndarray, "points rows"]
     """Bounds above zero; not negative."""
 
-    speed: Float[np.ndarray, " points"]
-    """Largest s'; infinite where there is no such limit."""
 
+class FastestSpeeds:
+    """Computes the fastest motions along one path, whose bounds are fractions of the same limits.
 
-def fastest_speeds(
-    grid: Float[np.ndarray, " points"], limits: PathLimits
-) -> Float[np.ndarray, " points"]:
-    """Return s' of the fastest motion from rest to rest at the points of a grid.
-
-    Args:
-        grid: Values of s, which increase.
-        limits: Limits at these points.
+    A fraction multiplies both bounds of all rows at a point of the grid, and so it multiplies all bounds of x there.
+    They are therefore computed only once.
     """
-    # A row may be multiplied by -1, which exchanges its bounds: no factor of s'' is negative then.
-    is_negative = limits.a < 0
-    a = np.abs(limits.a)
-    b = np.where(is_negative, -limits.b, limits.b)
-    lower = np.where(is_negative, limits.upper, limits.lower)
-    upper = np.where(is_negative, limits.lower, limits.upper)
-    bound = np.minimum(_largest_squares(a, b, lower, upper), limits.speed**2)
 
-    # Per unit of x at the next point, a row changes by this much.
-    rate = a[:-1] / (2 * np.diff(grid)[:, None])
-    square = _controllable(rate, b[:-1], lower[:-1], upper[:-1], bound)
-    return np.sqrt(_accelerated(rate, b[:-1], upper[:-1], square))
+    def __init__(self, grid: Float[np.ndarray, " points"], limits: PathLimits) -> None:
+        """Compute what all motions have in common.
+
+        Args:
+            grid: Values of s, which increase.
+            limits: Limits at these points.
+        """
+        # A row may be multiplied by -1, which exchanges its bounds: no factor of s'' is negative then.
+        is_negative = limits.a < 0
+        a = np.abs(limits.a)
+        b = np.where(is_negative, -limits.b, limits.b)
+        lower = np.where(is_negative, limits.upper, limits.lower)
+        upper = np.where(is_negative, limits.lower, limits.upper)
+
+        # Upper bounds of x at each point: for some u to keep all rows there, and for the next x not to be negative. The
+        # latter means u >= -x / (2 d), so that (b - rate) x <= upper.
+        self._bound = _largest_squares(a, b, lower, upper)
+        rate = a[:-1] / (2 * np.diff(grid)[:, None])
+        b = b[:-1]
+        self._bound[:-1] = np.minimum(self._bound[:-1], _least_ratio(upper[:-1], b - rate, axis=1))
+
+        # The next x is at most its own bound, so that (rate - b) x <= lower + rate * bound for each row.
+        slope = rate - b
+        bounds_x = slope > 0
+        divisor = np.where(bounds_x, slope, 1.0)
+        self._back_constant = np.where(bounds_x, lower[:-1] / divisor, np.inf)
+        self._back_factor = np.where(bounds_x, rate / divisor, 0.0)
+
+        # Accelerating, the next x is x + 2 d u with rate * (2 d u) <= upper - b x for each row.
+        bounds_u = rate > 0
+        divisor = np.where(bounds_u, rate, 1.0)
+        self._forth_constant = np.where(bounds_u, upper[:-1] / divisor, np.inf)
+        self._forth_factor = np.where(bounds_u, 1 - b / divisor, 0.0)
+
+    def speeds(
+        self, fraction: Float[np.ndarray, " points"], largest: Float[np.ndarray, " points"]
+    ) -> Float[np.ndarray, " points"]:
+        """Return s' of the fastest motion from rest to rest at the points of the grid.
+
+        Args:
+            fraction: Fraction of the limits that may be used at each point.
+            largest: Largest s' at each point; infinite where there is no such limit.
+        """
+        least = np.minimum.reduce
+        bound = np.minimum(fraction * self._bound, largest**2).tolist()
+
+        # Backward: the largest x from which the end is reached at rest.
+        constant = fraction[:-1, None] * self._back_constant
+        square = 0.0
+        reachable = [square]
+        backwards = zip(bound[-2:0:-1], constant[:0:-1], self._back_factor[:0:-1], strict=True)
+        for at_point, row_constant, row_factor in backwards:
+            square = min(at_point, float(least(row_constant + row_factor * square)))
+            reachable.append(square)
+        reachable.reverse()
+
+        # Forward: as much acceleration as the limits allow.
+        constant = fraction[:-1, None] * self._forth_constant
+        square = 0.0
+        squares = [square]
+        forwards = zip(reachable, constant, self._forth_factor, strict=True)
+        for next_largest, row_constant, row_factor in forwards:
+            square = float(least(row_constant + row_factor * square))
+            square = max(min(next_largest, square), 0.0)
+            squares.append(square)
+        return np.sqrt(np.array(squares))
 
 
 def _largest_squares(
@@ -88,67 +138,6 @@ def _largest_squares(
     slope = b[:, :, None] * a[:, None, :]
     slope -= slope.transpose(0, 2, 1)
     return _least_ratio(room, slope, axis=(1, 2))
-
-
-def _controllable(
-    rate: Float[np.ndarray, "intervals rows"],
-    b: Float[np.ndarray, "intervals rows"],
-    lower: Float[np.ndarray, "intervals rows"],
-    upper: Float[np.ndarray, "intervals rows"],
-    bound: Float[np.ndarray, " points"],
-) -> Float[np.ndarray, " points"]:
-    """Return the largest x at each point from which the end is reached at rest.
-
-    Args:
-        rate: Factors of u over twice the length of the interval that begins at each point.
-        b: Factors of x.
-        lower: Lower bounds of the rows without their signs.
-        upper: Upper bounds of the rows.
-        bound: Upper bounds of x at the points themselves.
-    """
-    # The next x is not negative, so u is at least -x / (2 d), and each upper bound of a row bounds x.
-    bound = bound.copy()
-    bound[:-1] = np.minimum(bound[:-1], _least_ratio(upper, b - rate, axis=1))
-
-    # The next x is at most its own largest value, so that (rate - b) x <= lower + rate * value for each row.
-    slope = rate - b
-    bounds_x = slope > 0
-    divisor = np.where(bounds_x, slope, 1.0)
-    constant = np.where(bounds_x, lower / divisor, np.inf)
-    factor = np.where(bounds_x, rate / divisor, 0.0)
-
-    square = np.zeros(len(bound))
-    for i in range(len(bound) - 2, -1, -1):
-        square[i] = min(bound[i], (constant[i] + factor[i] * square[i + 1]).min())
-    square[0] = 0.0
-    return square
-
-
-def _accelerated(
-    rate: Float[np.ndarray, "intervals rows"],
-    b: Float[np.ndarray, "intervals rows"],
-    upper: Float[np.ndarray, "intervals rows"],
-    largest: Float[np.ndarray, " points"],
-) -> Float[np.ndarray, " points"]:
-    """Return x at each point of the motion that starts at rest and accelerates as much as it can.
-
-    Args:
-        rate: Factors of u over twice the length of the interval that begins at each point.
-        b: Factors of x.
-        upper: Upper bounds of the rows.
-        largest: Largest x at each point from which the end is reached.
-    """
-    # The next x is x + 2 d u with rate * (2 d u) <= upper - b x for each row.
-    bounds_u = rate > 0
-    divisor = np.where(bounds_u, rate, 1.0)
-    constant = np.where(bounds_u, upper / divisor, np.inf)
-    factor = np.where(bounds_u, 1 - b / divisor, 0.0)
-
-    square = np.zeros(len(largest))
-    for i in range(len(largest) - 1):
-        reached = (constant[i] + factor[i] * square[i]).min()
-        square[i + 1] = max(min(largest[i + 1], reached), 0.0)
-    return square
 
 
 def _least_ratio(

@@ -26,7 +26,7 @@ from jaxtyping import Float, Int
 from scipy.interpolate import CubicSpline
 
 from dvr_jax.motion.limit_use import LimitUse, MotionLimits, Torques, limit_use
-from dvr_jax.motion.path_parameter import PathLimits, fastest_speeds
+from dvr_jax.motion.path_parameter import FastestSpeeds, PathLimits
 
 __all__ = ["TIME_STEP", "MotionLimits", "Torques", "time_optimal"]
 
@@ -43,7 +43,7 @@ LIMIT_FRACTION = 0.98
 """Fraction of the limits of velocity, acceleration and torque for which the fastest motion is computed. The rest is
 left to the rounding of its jumps."""
 
-GRID_POINTS = 150
+GRID_POINTS = 120
 """Number of intervals into which TOPP-RA divides a path."""
 
 SHORTEST_PATH = 1e-4
@@ -67,7 +67,7 @@ CORRECTIONS = 8
 CORRECTION_REACH = 0.03
 """Bounds are lowered up to this time before and after such a time [s]."""
 
-CORRECTION_ROOM = 0.02
+CORRECTION_ROOM = 0.03
 """By how much more than the excess a bound is lowered, so that few corrections are needed."""
 
 SLOWDOWNS = 20
@@ -126,9 +126,11 @@ def time_optimal(
     path = CubicSpline(length[kept], points[kept])
     bounds = _first_bounds(path, limits, length, shortest_times)
 
+    fastest = FastestSpeeds(bounds.grid, _path_limits(bounds, limits, torques))
+
     # Lower the bounds around the times at which the motion exceeds a limit, and compute it again.
     for _ in range(CORRECTIONS):
-        speeds = fastest_speeds(bounds.grid, _path_limits(bounds, limits, torques))
+        speeds = fastest.speeds(bounds.fraction, bounds.speed)
         time = _grid_times(bounds.grid, speeds)
         parameter = _smoothed(_parameter_over_time(bounds.grid, speeds, time))
         along = _resampled(parameter, 1.0)
@@ -136,7 +138,10 @@ def time_optimal(
         use = limit_use(samples, TIME_STEP, limits, torques)
         if use.slowdown() <= 1:
             return np.asarray(samples)
+        torque_binds = not bounds.bounds_torque and bool(use.torque.max() > 1)
         bounds = _lowered(bounds, use, time, np.interp(along, bounds.grid, time))
+        if torque_binds:
+            fastest = FastestSpeeds(bounds.grid, _path_limits(bounds, limits, torques))
 
     # What is left slows the motion down as a whole.
     factor = 1.0
@@ -218,21 +223,22 @@ def _path_limits(bounds: _Bounds, limits: MotionLimits, torques: Torques) -> Pat
     """
     a = bounds.path(bounds.grid, 1)
     b = bounds.path(bounds.grid, 2)
-    fraction = LIMIT_FRACTION * bounds.fraction[:, None]
-    lower = upper = fraction * np.minimum(limits.acceleration, LARGEST_LIMIT)
+    acceleration = LIMIT_FRACTION * np.minimum(limits.acceleration, LARGEST_LIMIT)
+    of_joints = np.tile(acceleration, (len(a), 1))
     if not bounds.bounds_torque:
-        return PathLimits(a, b, lower, upper, bounds.speed)
+        return PathLimits(a, b, of_joints, of_joints)
 
     # The weight uses up a part of the limits of torque.
     by_speed_change, by_speed, weight = _torque_factors(bounds.path, bounds.grid, torques)
     limit = np.minimum(limits.torque, LARGEST_LIMIT)
     least = LEAST_TORQUE_ROOM * limit
+    above = LIMIT_FRACTION * np.maximum(limit - weight, least)
+    below = LIMIT_FRACTION * np.maximum(limit + weight, least)
     return PathLimits(
         np.concatenate([a, by_speed_change], axis=1),
         np.concatenate([b, by_speed], axis=1),
-        np.concatenate([lower, fraction * np.maximum(limit + weight, least)], axis=1),
-        np.concatenate([upper, fraction * np.maximum(limit - weight, least)], axis=1),
-        bounds.speed,
+        np.concatenate([of_joints, below], axis=1),
+        np.concatenate([of_joints, above], axis=1),
     )
 
 
