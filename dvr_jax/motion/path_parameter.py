@@ -26,6 +26,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+LEAST_RATIO = 0.2
+"""Least ratio of x at a point of the grid to x at the point before, but for the last point. Without it, a motion can be
+so fast where u hardly changes a row that it has to stop within one interval."""
+
 
 @dataclass(frozen=True, slots=True)
 class PathLimits:
@@ -65,12 +69,16 @@ class FastestSpeeds:
         lower = np.where(is_negative, limits.upper, limits.lower)
         upper = np.where(is_negative, limits.lower, limits.upper)
 
-        # Upper bounds of x at each point: for some u to keep all rows there, and for the next x not to be negative. The
-        # latter means u >= -x / (2 d), so that (b - rate) x <= upper.
+        # Upper bounds of x at each point: for some u to keep all rows there, and for the next x not to be too small.
+        # The latter means u >= -drop x / (2 d), so that (b - drop rate) x <= upper. The last x is zero.
         self._bound = _largest_squares(a, b, lower, upper)
         rate = a[:-1] / (2 * np.diff(grid)[:, None])
         b = b[:-1]
-        self._bound[:-1] = np.minimum(self._bound[:-1], _least_ratio(upper[:-1], b - rate, axis=1))
+        drop = np.full((len(b), 1), 1 - LEAST_RATIO)
+        drop[-1] = 1.0
+        self._bound[:-1] = np.minimum(
+            self._bound[:-1], _least_ratio(upper[:-1], b - drop * rate, axis=1)
+        )
 
         # The next x is at most its own bound, so that (rate - b) x <= lower + rate * bound for each row.
         slope = rate - b
@@ -103,7 +111,8 @@ class FastestSpeeds:
         reachable = [square]
         backwards = zip(bound[-2:0:-1], constant[:0:-1], self._back_factor[:0:-1], strict=True)
         for at_point, row_constant, row_factor in backwards:
-            square = min(at_point, float(least(row_constant + row_factor * square)))
+            least_next = square / LEAST_RATIO if square > 0 else np.inf
+            square = min(at_point, least_next, float(least(row_constant + row_factor * square)))
             reachable.append(square)
         reachable.reverse()
 

@@ -147,8 +147,11 @@ def test_torques_are_kept_where_they_bind_and_ignored_where_no_timing_helps() ->
     assert (np.abs(panda(q, velocity, acceleration)) <= 1.01 * scarce.torque).all()
     assert len(samples) > len(time_optimal(points, LIMITS, panda))
 
-    weak = MotionLimits(LIMITS.velocity, LIMITS.acceleration, LIMITS.jerk, 0.9 * weight)
-    assert len(time_optimal(points, weak, panda)) * TIME_STEP < 30.0
+    # The shoulder cannot hold the arm still.
+    torque = LIMITS.torque.copy()
+    torque[1] = 0.9 * weight[1]
+    weak = MotionLimits(LIMITS.velocity, LIMITS.acceleration, LIMITS.jerk, torque)
+    assert len(time_optimal(points, weak, panda)) * TIME_STEP < 10.0
 
 
 def test_a_single_joint_moves_as_a_trapezoid() -> None:
