@@ -1,7 +1,7 @@
 """The planner's limit of the speed of hands near switches, as a constraint of the library `toppra`.
 
-The planner moves a hand slowly before and after a switch in which it takes part (`STRAIGHT_SPEED` in
-`dvr_jax.planning.path_motion`). A comparison with the fastest motion under the same limit shows how much time this
+The planner moves a hand slowly before and after a switch in which it takes part (`near_speed` in
+`dvr_jax.planning.hand_limits`). A comparison with the fastest motion under the same limit shows how much time this
 costs, and how much is lost elsewhere.
 """
 
@@ -13,7 +13,7 @@ from toppra.constraint import JointVelocityConstraintVarying
 
 from dvr_jax.bench.motion_states import MotionStates
 from dvr_jax.planning.carried_objects import gripper_frames
-from dvr_jax.planning.path_motion import STRAIGHT_SPEED
+from dvr_jax.planning.hand_limits import near_speed
 from dvr_jax.scene.layout import qpos_layout
 
 LEAST_LIMIT = 1e-4
@@ -21,6 +21,9 @@ LEAST_LIMIT = 1e-4
 
 LARGEST_RATE = 1e6
 """Largest speed along the path where no hand has to be slow; a path has the length 1 [1/s]."""
+
+LEAST_TRAVEL = 1e-6
+"""Least distance of a hand per length of the path, which keeps the quotient finite where the hand rests [m]."""
 
 
 def slow_hand_limit(
@@ -31,9 +34,8 @@ def slow_hand_limit(
 ) -> JointVelocityConstraintVarying:
     """Return the limits of joint velocities that keep hands slow near the switches at both ends of a path.
 
-    A hand is near a switch while it is no farther from where it is at this switch than the length of a straight
-    approach (`Clearances.approach`). The hand speed per speed along the path gives the largest speed along the path,
-    and this the largest velocity of each joint.
+    The distance of a hand from where it is at a switch gives its largest speed. The hand speed per speed along the path
+    gives the largest speed along the path, and this the largest velocity of each joint.
 
     Args:
         states: The motion with the poses of its bodies.
@@ -44,13 +46,11 @@ def slow_hand_limit(
     hands, _ = gripper_frames(states.scene, points)
     grid = np.linspace(0, 1, len(points))
     travel = np.linalg.norm(np.gradient(hands, grid, axis=0), axis=2)
-    near = states.scene.workcell.clearances.approach
     rate = np.full(len(points), LARGEST_RATE)
     for end, arms in ((0, switching_arms(states, first)), (-1, switching_arms(states, last))):
         for arm in arms:
-            close = np.linalg.norm(hands[:, arm] - hands[end, arm], axis=1) <= near
-            limit = STRAIGHT_SPEED / np.maximum(travel[:, arm], STRAIGHT_SPEED / LARGEST_RATE)
-            rate[close] = np.minimum(rate, limit)[close]
+            fastest = near_speed(np.linalg.norm(hands[:, arm] - hands[end, arm], axis=1))
+            rate = np.minimum(rate, fastest / np.maximum(travel[:, arm], LEAST_TRAVEL))
 
     joints = qpos_layout(states.scene).arm_joints.reshape(-1)
     slope = np.abs(np.gradient(points[:, joints], grid, axis=0))

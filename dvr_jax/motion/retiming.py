@@ -4,23 +4,31 @@ A path q(s) is traversed from rest to rest. With the speed s' and the accelerati
 
     dq/dt = q_s s',        d2q/dt2 = q_s s'' + q_ss s'^2,        torque = M (d2q/dt2) + C (dq/dt) + g.
 
-All but the jerk are linear in s'' and s'^2. TOPP-RA (H. Pham and Q.-C. Pham, "A new approach to time-optimal path
-parameterization based on reachability analysis", IEEE Transactions on Robotics 34, 2018; the library `toppra`) finds
-the fastest s(t). Its acceleration jumps. The limits of the jerk are so high compared with those of the acceleration
-(500 times as much in each second) that it is enough to round these jumps: s(t) is averaged over a window of
-`SMOOTHING`, twice. This keeps the path. The motion is then sampled, and what lies between the samples is the cubic
-spline through them (`dvr_jax.motion.interpolation`). If this spline exceeds a limit, the motion is slowed down as a
-whole.
+All but the jerk are linear in s'' and s'^2, and the algorithm TOPP-RA finds the fastest s(t) under such limits
+(`dvr_jax.motion.path_parameter`). Its acceleration jumps. The limits of the jerk are so high compared with those of the
+acceleration (500 times as much in each second) that it is enough to round these jumps: s(t) is averaged over a window
+of `SMOOTHING`, twice. This keeps the path. The motion is then sampled, and what lies between the samples is the cubic
+spline through them (`dvr_jax.motion.interpolation`).
+
+Where the path turns sharply, rounding raises the speed, and the motion exceeds a limit. The bounds of its speed and its
+acceleration are then lowered around this time alone, and the fastest motion is computed again. What a few such
+corrections leave above a limit slows the motion down as a whole.
+
+Torques reach their limits in few motions. They are bounded as soon as a motion without these bounds exceeds them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.interpolate import CubicSpline
+
+from dvr_jax.motion.limit_use import LimitUse, MotionLimits, Torques, limit_use
+from dvr_jax.motion.path_parameter import FastestSpeeds, PathLimits
+
+__all__ = ["TIME_STEP", "MotionLimits", "Torques", "time_optimal"]
 
 TIME_STEP = 0.02
 """Time between two samples of a motion [s]."""
@@ -28,14 +36,14 @@ TIME_STEP = 0.02
 FINE_STEPS = 20
 """Number of steps of 1 ms into which this time is divided for what is computed finely."""
 
-SMOOTHING = 0.03
+SMOOTHING = 0.025
 """Length of the window over which the parameter of the path is averaged, twice [s]."""
 
 LIMIT_FRACTION = 0.98
 """Fraction of the limits of velocity, acceleration and torque for which the fastest motion is computed. The rest is
 left to the rounding of its jumps."""
 
-GRID_POINTS = 200
+GRID_POINTS = 120
 """Number of intervals into which TOPP-RA divides a path."""
 
 SHORTEST_PATH = 1e-4
@@ -47,41 +55,46 @@ SMALLEST_STEP = 1e-4
 TORQUE_STEP = 5
 """Torques are computed at every so many-th point of the grid; it divides `GRID_POINTS`."""
 
+LARGEST_LIMIT = 1e6
+"""Number that stands for no limit of acceleration or torque [rad/s^2 or N m]."""
+
+LEAST_TORQUE_ROOM = 0.05
+"""Least torque that is left to a motion where the weight alone uses up the limit, as a fraction of it."""
+
+CORRECTIONS = 8
+"""Largest number of times that bounds are lowered around the times at which a motion exceeds a limit."""
+
+CORRECTION_REACH = 0.03
+"""Bounds are lowered up to this time before and after such a time [s]."""
+
+CORRECTION_ROOM = 0.03
+"""By how much more than the excess a bound is lowered, so that few corrections are needed."""
+
 SLOWDOWNS = 20
-"""Largest number of times that a motion is slowed down."""
+"""Largest number of times that a motion is slowed down as a whole."""
 
-LARGEST_TORQUE = 1e6
-"""Torque that stands for no limit [N m]."""
-
-ROOM = 1e-3
-"""How much a motion stays below its limits, as a fraction of them."""
-
-Torques = Callable[
-    [
-        Float[np.ndarray, "samples joints"],
-        Float[np.ndarray, "samples joints"],
-        Float[np.ndarray, "samples joints"],
-    ],
-    Float[np.ndarray, "samples joints"],
-]
-"""Function of joint angles, velocities and accelerations that returns the torques of all joints [N m]."""
+SLOWDOWN_ROOM = 1e-3
+"""By how much more than the excess a motion is slowed down as a whole."""
 
 
 @dataclass(frozen=True, slots=True)
-class MotionLimits:
-    """Limits of all D joints; infinite where there is none."""
+class _Bounds:
+    """Bounds of the motion along a path, at the points of a grid."""
 
-    velocity: Float[np.ndarray, " joints"]
-    """[rad/s]"""
+    path: CubicSpline
+    """Joint angles as a function of the parameter."""
 
-    acceleration: Float[np.ndarray, " joints"]
-    """[rad/s^2]"""
+    grid: Float[np.ndarray, " grid"]
+    """Values of the parameter."""
 
-    jerk: Float[np.ndarray, " joints"]
-    """[rad/s^3]"""
+    speed: Float[np.ndarray, " grid"]
+    """Largest speed of the parameter."""
 
-    torque: Float[np.ndarray, " joints"]
-    """[N m]"""
+    fraction: Float[np.ndarray, " grid"]
+    """Fraction of the limits of acceleration, and of what gravity leaves of the limits of torque, that may be used."""
+
+    bounds_torque: bool
+    """Whether torques are bounded."""
 
 
 def time_optimal(
@@ -111,18 +124,33 @@ def time_optimal(
     # The parameter is the length of the path, with joints weighted by their speeds. Where the arms stay, there is none.
     kept = _distinct(length)
     path = CubicSpline(length[kept], points[kept])
+    bounds = _first_bounds(path, limits, length, shortest_times)
 
-    def largest_speeds(grid: Float[np.ndarray, " grid"]) -> Float[np.ndarray, " grid"]:
-        return _largest_speeds(grid, length, shortest_times)
+    fastest = FastestSpeeds(bounds.grid, _path_limits(bounds, limits, torques))
 
-    parameter = _smoothed(_fastest_parameter(path, limits, torques, largest_speeds))
+    # Lower the bounds around the times at which the motion exceeds a limit, and compute it again.
+    for _ in range(CORRECTIONS):
+        speeds = fastest.speeds(bounds.fraction, bounds.speed)
+        time = _grid_times(bounds.grid, speeds)
+        parameter = _smoothed(_parameter_over_time(bounds.grid, speeds, time))
+        along = _resampled(parameter, 1.0)
+        samples = path(along)
+        use = limit_use(samples, TIME_STEP, limits, torques)
+        if use.slowdown() <= 1:
+            return np.asarray(samples)
+        torque_binds = not bounds.bounds_torque and bool(use.torque.max() > 1)
+        bounds = _lowered(bounds, use, time, np.interp(along, bounds.grid, time))
+        if torque_binds:
+            fastest = FastestSpeeds(bounds.grid, _path_limits(bounds, limits, torques))
+
+    # What is left slows the motion down as a whole.
     factor = 1.0
     for _ in range(SLOWDOWNS):
+        factor *= max(use.slowdown() * (1 + SLOWDOWN_ROOM), 1.002)
         samples = path(_resampled(parameter, factor))
-        excess = _excess(samples, limits, torques)
-        if excess <= 1:
-            return np.asarray(samples)
-        factor *= max(excess * (1 + ROOM), 1.002)
+        use = limit_use(samples, TIME_STEP, limits, torques)
+        if use.slowdown() <= 1:
+            break
     return np.asarray(samples)
 
 
@@ -140,6 +168,28 @@ def _distinct(length: Float[np.ndarray, " points"]) -> Int[np.ndarray, " kept"]:
     if len(kept) > 1:
         kept.pop()
     return np.array([*kept, len(length) - 1])
+
+
+def _first_bounds(
+    path: CubicSpline,
+    limits: MotionLimits,
+    length: Float[np.ndarray, " points"],
+    shortest_times: Float[np.ndarray, " points-1"] | None,
+) -> _Bounds:
+    """Return the bounds before any correction.
+
+    Args:
+        path: Joint angles as a function of the parameter.
+        limits: Limits of the joints.
+        length: Parameter at each point of the path.
+        shortest_times: Shortest time from each point to the next one [s].
+    """
+    # The points of a path are near to each other where it turns sharply, and so are those of the grid.
+    numbers = np.arange(len(path.x))
+    grid = np.interp(np.linspace(0, numbers[-1], GRID_POINTS + 1), numbers, path.x)
+    by_velocity = (limits.velocity / np.maximum(np.abs(path(grid, 1)), 1e-9)).min(axis=1)
+    speed = np.minimum(LIMIT_FRACTION * by_velocity, _largest_speeds(grid, length, shortest_times))
+    return _Bounds(path, grid, speed, fraction=np.ones(len(grid)), bounds_torque=False)
 
 
 def _largest_speeds(
@@ -163,49 +213,33 @@ def _largest_speeds(
     return fastest[interval]
 
 
-def _fastest_parameter(
-    path: CubicSpline,
-    limits: MotionLimits,
-    torques: Torques,
-    largest_speeds: Callable[[Float[np.ndarray, " grid"]], Float[np.ndarray, " grid"]],
-) -> Float[np.ndarray, " steps"]:
-    """Return the parameter of the fastest motion along a path every millisecond.
+def _path_limits(bounds: _Bounds, limits: MotionLimits, torques: Torques) -> PathLimits:
+    """Return the limits along a path in the form of the algorithm.
 
     Args:
-        path: Joint angles as a function of the parameter.
+        bounds: Bounds at the points of the grid.
         limits: Limits of the joints.
         torques: Inverse dynamics with what the arms hold.
-        largest_speeds: Function of values of the parameter that returns the largest speeds there.
     """
-    # Imported here, because toppra takes a second that other uses of a motion need not wait for.
-    from dvr_jax.motion.path_parameter import PathLimits, fastest_speeds
+    a = bounds.path(bounds.grid, 1)
+    b = bounds.path(bounds.grid, 2)
+    acceleration = LIMIT_FRACTION * np.minimum(limits.acceleration, LARGEST_LIMIT)
+    of_joints = np.tile(acceleration, (len(a), 1))
+    if not bounds.bounds_torque:
+        return PathLimits(a, b, of_joints, of_joints)
 
-    # The points of a path are near to each other where it turns sharply, and so are those of the grid.
-    numbers = np.arange(len(path.x))
-    grid = np.interp(np.linspace(0, numbers[-1], GRID_POINTS + 1), numbers, path.x)
-    slope = path(grid, 1)
-    bend = path(grid, 2)
-    by_velocity = (limits.velocity / np.maximum(np.abs(slope), 1e-9)).min(axis=1)
-    speed = np.minimum(LIMIT_FRACTION * by_velocity, largest_speeds(grid))
-
-    # Accelerations, then torques, where they are limited.
-    none = np.zeros_like(slope)
-    accelerations = (slope, bend, none, LIMIT_FRACTION * limits.acceleration)
-    parts = [accelerations]
-    if np.isfinite(limits.torque).any():
-        limit = np.minimum(limits.torque, LARGEST_TORQUE)
-        parts.append((*_torque_factors(path, grid, torques), LIMIT_FRACTION * limit))
-
-    def solve(rows: Sequence[tuple[np.ndarray, ...]]) -> Float[np.ndarray, " grid"] | None:
-        a, b, c, limit = (np.concatenate(values, axis=-1) for values in zip(*rows, strict=True))
-        return fastest_speeds(grid, path(grid), PathLimits(a, b, c, limit, speed))
-
-    # Where an arm is too weak to hold still, no motion keeps the limits of torque.
-    speeds = solve(parts)
-    if speeds is None:
-        speeds = solve(parts[:1])
-    assert speeds is not None
-    return _parameter_over_time(grid, speeds)
+    # The weight uses up a part of the limits of torque.
+    by_speed_change, by_speed, weight = _torque_factors(bounds.path, bounds.grid, torques)
+    limit = np.minimum(limits.torque, LARGEST_LIMIT)
+    least = LEAST_TORQUE_ROOM * limit
+    above = LIMIT_FRACTION * np.maximum(limit - weight, least)
+    below = LIMIT_FRACTION * np.maximum(limit + weight, least)
+    return PathLimits(
+        np.concatenate([a, by_speed_change], axis=1),
+        np.concatenate([b, by_speed], axis=1),
+        np.concatenate([of_joints, below], axis=1),
+        np.concatenate([of_joints, above], axis=1),
+    )
 
 
 def _torque_factors(
@@ -229,24 +263,37 @@ def _torque_factors(
     c = torques(q, rest, rest)
     a = torques(q, rest, slope) - c
     b = torques(q, slope, path(coarse, 2)) - c
-    between = [CubicSpline(coarse, values)(grid) for values in (a, b, c)]
+    between = CubicSpline(coarse, np.stack([a, b, c]), axis=1)(grid)
     return between[0], between[1], between[2]
 
 
-def _parameter_over_time(
+def _grid_times(
     grid: Float[np.ndarray, " grid"], speed: Float[np.ndarray, " grid"]
+) -> Float[np.ndarray, " grid"]:
+    """Return when a motion passes the points of a grid, between which its acceleration is constant [s].
+
+    Args:
+        grid: Values of the parameter.
+        speed: Its speed there.
+    """
+    mean = np.maximum((speed[1:] + speed[:-1]) / 2, 1e-6 * grid[-1])
+    return np.concatenate([[0.0], np.cumsum(np.diff(grid) / mean)])
+
+
+def _parameter_over_time(
+    grid: Float[np.ndarray, " grid"],
+    speed: Float[np.ndarray, " grid"],
+    time: Float[np.ndarray, " grid"],
 ) -> Float[np.ndarray, " steps"]:
     """Return the parameter every millisecond.
 
     Args:
         grid: Values of the parameter.
         speed: Its speed there.
+        time: When the motion is there [s].
     """
-    # The acceleration is constant between two grid points.
-    mean = np.maximum((speed[1:] + speed[:-1]) / 2, 1e-6 * grid[-1])
-    time = np.concatenate([[0.0], np.cumsum(np.diff(grid) / mean)])
     fine = np.arange(0, time[-1], TIME_STEP / FINE_STEPS)
-    interval = np.clip(np.searchsorted(time, fine, side="right") - 1, 0, GRID_POINTS - 1)
+    interval = np.clip(np.searchsorted(time, fine, side="right") - 1, 0, len(grid) - 2)
     since = fine - time[interval]
     duration = time[interval + 1] - time[interval]
     change = (speed[interval + 1] - speed[interval]) / duration
@@ -270,30 +317,39 @@ def _resampled(
     steps = factor * (len(parameter) - 1) / FINE_STEPS
     samples = int(np.ceil(steps - 1e-9)) + 1
     at = np.linspace(0, len(parameter) - 1, samples)
-    return np.asarray(CubicSpline(np.arange(len(parameter)), parameter)(at))
+    return np.interp(at, np.arange(len(parameter)), parameter)
 
 
-def _excess(
-    samples: Float[np.ndarray, "samples joints"], limits: MotionLimits, torques: Torques
-) -> float:
-    """Return by which factor a motion has to be slowed down to keep all limits; at most 1 if it keeps them.
+def _lowered(
+    bounds: _Bounds,
+    use: LimitUse,
+    grid_time: Float[np.ndarray, " grid"],
+    sample_time: Float[np.ndarray, " samples"],
+) -> _Bounds:
+    """Lower the bounds around the times at which a motion exceeds its limits.
 
-    The motion is the spline through the samples, at rest at both ends. Velocities are inversely proportional to the
-    duration, accelerations and torques to its square (apart from gravity), jerks to its cube.
+    Args:
+        bounds: Bounds of this motion.
+        use: How much of its limits it uses at its samples.
+        grid_time: When it passes the points of the grid, before it was rounded [s].
+        sample_time: When it passes its samples, before it was rounded [s].
     """
-    if len(samples) < 2:
-        return 1.0
-    time = TIME_STEP * np.arange(len(samples))
-    rest = np.repeat(samples[[0, -1]], 2, axis=0)
-    padded = np.concatenate([rest[:2], samples, rest[2:]])
-    spline = CubicSpline(np.arange(-2, len(samples) + 2) * TIME_STEP, padded, bc_type="clamped")
-    fine = np.linspace(0, time[-1], FINE_STEPS // 2 * (len(samples) - 1) + 1)
-    velocity = spline(fine, 1)
-    acceleration = spline(fine, 2)
-    jerk = spline(fine, 3)
-    by_velocity = float((np.abs(velocity) / limits.velocity).max())
-    by_acceleration = float((np.abs(acceleration) / limits.acceleration).max())
-    by_jerk = float((np.abs(jerk) / limits.jerk).max())
-    found = torques(spline(time), spline(time, 1), spline(time, 2))
-    by_torque = float((np.abs(found) / limits.torque).max())
-    return max(by_velocity, by_acceleration**0.5, by_jerk ** (1 / 3), by_torque**0.5)
+
+    def excess(used: Float[np.ndarray, " samples"]) -> Float[np.ndarray, " grid"]:
+        """Return by how much a limit is exceeded around each point of the grid; 1 where it is kept."""
+        over = used > 1
+        is_near = np.abs(grid_time[:, None] - sample_time[over]) <= CORRECTION_REACH
+        return np.where(is_near, used[over] * (1 + CORRECTION_ROOM), 1.0).max(axis=1, initial=1.0)
+
+    by_acceleration = excess(use.acceleration)
+    by_torque = excess(use.torque)
+
+    # The first time that a torque is too large, bounding it is enough.
+    if not bounds.bounds_torque:
+        by_torque = np.ones_like(by_torque)
+    return replace(
+        bounds,
+        speed=bounds.speed / excess(use.velocity),
+        fraction=bounds.fraction / np.maximum(by_acceleration, by_torque),
+        bounds_torque=bounds.bounds_torque or bool(use.torque.max() > 1),
+    )

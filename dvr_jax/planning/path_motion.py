@@ -4,7 +4,7 @@ Notation: a path of K actions has T slices and S = T / K slices in each phase. I
 
 - In each phase the arms move along a smooth curve (`dvr_jax.motion.joint_curve`) from rest to rest, as fast as the
   limits of joint velocity, acceleration, jerk and torque allow (`dvr_jax.motion.retiming`). The torques include the
-  weight of the objects that are held.
+  weight of the objects that are held. Hands have limits of their own (`dvr_jax.planning.hand_limits`).
 - Then all arms rest while the fingers move. In a handover the fingers of the taking arm close first, and those of the
   giving arm open afterwards. The object changes its holder between the two, or else when the fingers have moved.
 - At the end the hand that has released the last object retreats (`dvr_jax.planning.retreat`).
@@ -26,9 +26,10 @@ from dvr_jax.motion.joint_curve import joint_curve
 from dvr_jax.motion.motion import Motion, make_motion
 from dvr_jax.motion.retiming import TIME_STEP, MotionLimits, Torques, time_optimal
 from dvr_jax.nlp.problem import Problem
-from dvr_jax.planning.carried_objects import carry_objects, gripper_frames
-from dvr_jax.planning.retreat import RETREAT_STEPS, retreat
-from dvr_jax.scene.layout import home_qpos, qpos_layout
+from dvr_jax.planning.carried_objects import carry_objects
+from dvr_jax.planning.hand_limits import hand_accelerations, hand_positions, shortest_times
+from dvr_jax.planning.retreat import retreat
+from dvr_jax.scene.layout import qpos_layout
 from dvr_jax.scene.types import Scene
 from dvr_jax.solver.continuous_collision import straight_intervals
 from dvr_jax.workcell.model import workcell_model
@@ -42,10 +43,6 @@ FINGER_SPEED_FRACTION = 0.9
 
 FINGER_RAMP = 0.15
 """Fraction of the duration of a motion of the fingers in which they gain speed, and in which they lose it."""
-
-STRAIGHT_SPEED = 0.25
-"""Largest speed of a hand in the interval before and after a switch in which it takes part [m/s]. Servos follow a slow
-hand closely, where fingers pass an object at a distance of millimeters."""
 
 SHORTEST_PAUSE = 0.1
 """Shortest time for which the arms rest at a switch [s]."""
@@ -88,18 +85,15 @@ def interpolate(
     opening = np.asarray(problem.finger_opening)
     q = _at_rest(problem, q)
     curve = joint_curve(home, q, straight_intervals(problem, len(q)))
-    limits = _limits(scene.workcell.robot, scene.workcell.number_of_arms)
 
     parts = [_Part(home[None], opening[:1], np.zeros(1, int))]
     for k in range(K):
         # The last interval of a phase is a pause, which has its own duration.
         points = curve(np.linspace(k * S, (k + 1) * S - 1, CURVE_POINTS * (S - 1) + 1))
-        times = _shortest_times(scene, problem, points, k)
-        moving = time_optimal(points, limits, _torques(scene, problem, k), times)[1:]
-        parts.append(_moving_part(moving, opening[k], k))
+        parts.append(_moving_part(_timed(scene, problem, m, points, k)[1:], opening[k], k))
         parts.append(_pause(scene.workcell.robot, q[(k + 1) * S - 1], opening[k : k + 2], k))
 
-    parts += _retreat_part(scene, problem, q, m, limits)
+    parts += _retreat_part(scene, problem, q, m)
     joints = np.concatenate([part.joints for part in parts])
     fingers = np.concatenate([part.fingers for part in parts])
     phase = np.concatenate([part.phase for part in parts])
@@ -171,38 +165,47 @@ def _torques(scene: Scene, problem: Problem, phase: int) -> Torques:
     return torques
 
 
-def _shortest_times(
-    scene: Scene, problem: Problem, points: Float[np.ndarray, "points joints"], phase: int
-) -> Float[np.ndarray, " points-1"]:
-    """Return the shortest time between points of a phase [s], so that hands are slow near what they grasp or release.
+def _timed(
+    scene: Scene,
+    problem: Problem,
+    m: Float[np.ndarray, "actions parameters"],
+    points: Float[np.ndarray, "points joints"],
+    phase: int,
+) -> Float[np.ndarray, "samples joints"]:
+    """Return the samples of a fast motion along a phase, within the limits of its joints and its hands.
 
     Args:
         scene: Scene of the path.
         problem: NLP of the path.
-        points: Joint angles along the phase [rad], `CURVE_POINTS` of them in each interval between two slices.
-        phase: Number of the phase.
+        m: Mode parameters [m or rad].
+        points: Joint angles along the phase [rad].
+        phase: Number of the phase; that of the retreat is the number of actions.
     """
-    # The first interval leaves the last switch, and the last one comes to the next switch.
-    arms = np.asarray(problem.arm_at_rest)
-    leaving = arms[phase - 1] if phase else np.zeros_like(arms[0])
-    times = np.zeros(len(points) - 1)
-    for first, own in ((0, leaving), (len(times) - CURVE_POINTS, arms[phase])):
-        part = slice(first, first + CURVE_POINTS + 1)
-        moved = _hand_travels(scene, points[part])[:, own > 0]
-        if moved.size:
-            times[first : first + CURVE_POINTS] = moved.max(axis=1) / STRAIGHT_SPEED
-    return times
+    joints = points.shape[1]
+    limits = _limits(scene.workcell.robot, scene.workcell.number_of_arms)
+    hands = hand_positions(scene, points)
+    times = shortest_times(problem, hands, phase)
+    accelerations = hand_accelerations(scene, problem, m, phase)
 
+    # To the timing, the coordinates of the hands are further joints, which only have limits of acceleration.
+    limited = np.isfinite(accelerations)
+    coordinates = hands[:, limited].reshape(len(points), -1)
+    none = np.full(coordinates.shape[1], np.inf)
+    extended = MotionLimits(
+        velocity=np.append(limits.velocity, none),
+        acceleration=np.append(limits.acceleration, np.repeat(accelerations[limited], 3)),
+        jerk=np.append(limits.jerk, none),
+        torque=np.append(limits.torque, none),
+    )
+    of_arms = _torques(scene, problem, phase)
 
-def _hand_travels(
-    scene: Scene, points: Float[np.ndarray, "points joints"]
-) -> Float[np.ndarray, "points-1 arms"]:
-    """Return how far each gripper center moves from each point to the next one [m]."""
-    layout = qpos_layout(scene)
-    qpos = np.tile(home_qpos(scene), (len(points), 1))
-    qpos[:, layout.arm_joints.reshape(-1)] = points
-    positions, _ = gripper_frames(scene, qpos)
-    return np.asarray(np.linalg.norm(np.diff(positions, axis=0), axis=2))
+    def torques(q: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
+        """Torques of all arms [N m], and zeros for the coordinates of hands."""
+        found = of_arms(q[:, :joints], velocity[:, :joints], acceleration[:, :joints])
+        return np.pad(found, ((0, 0), (0, len(none))))
+
+    timed = time_optimal(np.concatenate([points, coordinates], axis=1), extended, torques, times)
+    return timed[:, :joints]
 
 
 def _moving_part(
@@ -268,7 +271,6 @@ def _retreat_part(
     problem: Problem,
     q: Float[np.ndarray, "slices joints"],
     m: Float[np.ndarray, "actions parameters"],
-    limits: MotionLimits,
 ) -> list[_Part]:
     """Return the samples of the retreat after the last action, if there is one."""
     K = len(m)
@@ -277,6 +279,5 @@ def _retreat_part(
     if len(away) < 2:
         return []
     points = np.concatenate([q[-1:], away])
-    times = np.full(len(away), distance / RETREAT_STEPS / STRAIGHT_SPEED)
-    moving = time_optimal(points, limits, _torques(scene, problem, K), times)[1:]
+    moving = _timed(scene, problem, m, points, K)[1:]
     return [_moving_part(moving, np.asarray(problem.finger_opening)[-1], K)]

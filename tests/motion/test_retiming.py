@@ -74,24 +74,84 @@ def test_the_path_is_kept(seed: int) -> None:
     assert distance.max() < 1e-3
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_it_takes_little_longer_than_topp_ra_needs(seed: int) -> None:
-    """TOPP-RA without limits of jerk, on the same path, with the whole of the limits."""
-    points = random_path(seed)
-    path = toppra.SplineInterpolator(np.linspace(0, 1, len(points)), points)
+def fastest(points: Floats, limits: MotionLimits) -> float:
+    """Duration by the library toppra without limits of jerk and torque, with the whole of the other limits [s]."""
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    length = np.concatenate([[0.0], np.cumsum(steps)])
+    path = toppra.SplineInterpolator(length, points)
 
     def both(limit: Floats) -> Floats:
         return np.stack([-limit, limit], axis=1)
 
     constraints = [
-        JointVelocityConstraint(both(LIMITS.velocity)),
-        JointAccelerationConstraint(both(LIMITS.acceleration)),
+        JointVelocityConstraint(both(limits.velocity)),
+        JointAccelerationConstraint(both(limits.acceleration)),
     ]
-    solver = TOPPRA(constraints, path, gridpoints=np.linspace(0, 1, 301), solver_wrapper="seidel")
-    reference = solver.compute_trajectory(0, 0).duration
+    grid = np.interp(np.linspace(0, 1, 401), np.linspace(0, 1, len(length)), length)
+    solver = TOPPRA(constraints, path, gridpoints=grid, solver_wrapper="seidel")
+    return float(solver.compute_trajectory(0, 0).duration)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_it_takes_little_longer_than_topp_ra_needs(seed: int) -> None:
+    points = random_path(seed)
+    reference = fastest(points, LIMITS)
     samples = time_optimal(points, LIMITS, weightless)
     duration = TIME_STEP * (len(samples) - 1)
-    assert 0.99 * reference < duration < 1.25 * reference
+    assert 0.99 * reference < duration < 1.12 * reference
+
+
+def path_with_a_corner() -> Floats:
+    """Two straight lines of 0.8 rad in two joints, with an arc of the radius 0.02 rad between them."""
+    radius = 0.02
+    line = np.linspace(0, 0.8, 60)[:-1]
+    angle = np.linspace(0, np.pi / 2, 25)
+    first = np.stack([line, np.zeros_like(line)], axis=1)
+    arc = np.stack([0.8 + radius * np.sin(angle), radius * (1 - np.cos(angle))], axis=1)
+    second = np.stack([np.full_like(line, 0.8 + radius), 0.8 + radius - line[::-1]], axis=1)
+    return np.concatenate([first, arc, second])
+
+
+def test_a_sharp_corner_makes_a_motion_slow_only_around_it() -> None:
+    points = path_with_a_corner()
+    none = np.full(2, np.inf)
+    limits = MotionLimits(np.full(2, 2.0), np.full(2, 10.0), none, none)
+    samples = time_optimal(points, limits, weightless)
+    q, velocity, acceleration, _ = at_1_khz(samples)
+    assert np.abs(velocity).max() <= 2.0
+    assert np.abs(acceleration).max() <= 10.0
+
+    # On both lines, away from the corner, the motion reaches the limits.
+    away = np.linalg.norm(q - [0.8, 0.0], axis=1) > 0.4
+    assert np.abs(velocity[away]).max() > 0.95 * 2.0
+    assert np.abs(acceleration[away]).max() > 0.93 * 10.0
+
+
+def test_a_sharp_corner_costs_little_more_than_by_topp_ra() -> None:
+    points = path_with_a_corner()
+    none = np.full(2, np.inf)
+    limits = MotionLimits(np.full(2, 2.0), np.full(2, 10.0), none, none)
+    reference = fastest(points, limits)
+    duration = TIME_STEP * (len(time_optimal(points, limits, weightless)) - 1)
+    assert 0.99 * reference < duration < 1.12 * reference
+
+
+def test_torques_are_kept_where_they_bind_and_ignored_where_no_timing_helps() -> None:
+    """With limits that the arm nearly needs at rest, and with limits below its weight."""
+    points = random_path(1)
+    rest = np.zeros_like(points)
+    weight = np.abs(panda(points, rest, rest)).max(axis=0)
+    scarce = MotionLimits(LIMITS.velocity, LIMITS.acceleration, LIMITS.jerk, 1.15 * weight + 1.0)
+    samples = time_optimal(points, scarce, panda)
+    q, velocity, acceleration, _ = at_1_khz(samples)
+    assert (np.abs(panda(q, velocity, acceleration)) <= 1.01 * scarce.torque).all()
+    assert len(samples) > len(time_optimal(points, LIMITS, panda))
+
+    # The shoulder cannot hold the arm still.
+    torque = LIMITS.torque.copy()
+    torque[1] = 0.9 * weight[1]
+    weak = MotionLimits(LIMITS.velocity, LIMITS.acceleration, LIMITS.jerk, torque)
+    assert len(time_optimal(points, weak, panda)) * TIME_STEP < 10.0
 
 
 def test_a_single_joint_moves_as_a_trapezoid() -> None:

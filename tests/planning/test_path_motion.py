@@ -11,6 +11,7 @@ from dvr_jax import sample_scenes
 from dvr_jax.motion.dynamics import arm_dynamics
 from dvr_jax.motion.interpolation import spline_of
 from dvr_jax.motion.motion import Motion
+from dvr_jax.planning.hand_limits import HELD_ACCELERATION, NEAR_DISTANCE, NEAR_SPEED
 from dvr_jax.planning.planner import plan
 from dvr_jax.planning.result import Plan
 from dvr_jax.scene.layout import qpos_layout
@@ -99,6 +100,31 @@ def test_hands_come_to_their_grasps_straight(solved: Solved) -> None:
         far = np.flatnonzero(along > 0.04)
         assert len(far)
         assert aside[far[-1] :].max() < SIDEWAYS
+        grasps += 1
+    assert grasps
+
+
+def test_hands_are_slow_at_their_grasps_and_accelerate_little_afterwards(solved: Solved) -> None:
+    scene = solved.plan.scene
+    switches = [*solved.motion.switch.tolist(), len(solved.motion.time) - 1]
+    grasps = 0
+    for index, action in enumerate(solved.plan.actions):
+        if action.operator != "grasp":
+            continue
+        arm = scene.workcell.arm_index(action.arguments[0])
+        switch = switches[index]
+
+        # Before the grasp, from where the hand is near it. Rounding raises the speed a little at this point.
+        before, _ = solved.gripper(arm, range(max(switch - 2000, 0), switch + 1))
+        apart = np.linalg.norm(before - before[-1], axis=1)
+        near = np.flatnonzero(apart > NEAR_DISTANCE)[-1] + 1
+        speed = np.linalg.norm(np.diff(before[near:], axis=0), axis=1) * 1000.0
+        assert 0.5 * NEAR_SPEED < speed.max() < 1.1 * NEAR_SPEED
+
+        # After it, while the hand holds the object.
+        after, _ = solved.gripper(arm, range(switch, switches[index + 1] + 1))
+        acceleration = np.abs(np.diff(after, 2, axis=0)) * 1e6
+        assert 0.2 * HELD_ACCELERATION < acceleration.max() < 1.03 * HELD_ACCELERATION
         grasps += 1
     assert grasps
 
