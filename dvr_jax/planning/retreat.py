@@ -21,6 +21,10 @@ from dvr_jax.workcell.model import WorkcellModel
 RETREAT_STEPS = 10
 """Number of equal parts of the longest retreat; the longest of these retreats that is free is taken."""
 
+FREE_TURNS = (0.0, -0.15, 0.15, -0.3, 0.3)
+"""Changes of the free joints of the inverse kinematics during a retreat that are tried one after the other [rad]. Where
+the free joints are at the end of their range for a pose of the hand, there is no retreat without a change."""
+
 
 def retreat(
     model: WorkcellModel,
@@ -51,13 +55,47 @@ def retreat(
     if not released or distance == 0:
         return np.zeros((0, q.shape[1]))
 
+    # Where the arm cannot retreat with its free joints, these turn on the way.
+    longest = np.zeros((0, q.shape[1]))
+    for turn in FREE_TURNS:
+        found = _retreat(model, problem, np.asarray(q[-1]), m, arm, distance, turn)
+        if len(found) > len(longest):
+            longest = found
+        if len(longest) == RETREAT_STEPS:
+            break
+    return longest
+
+
+def _retreat(
+    model: WorkcellModel,
+    problem: Problem,
+    q: Float[np.ndarray, " joints"],
+    m: Float[np.ndarray, "phases 4"],
+    arm: int,
+    distance: float,
+    turn: float,
+) -> Float[np.ndarray, "steps joints"]:
+    """Return the postures of a retreat in which the free joints of the arm turn by an angle, as long as there is room.
+
+    Args:
+        model: Arms of the workcell.
+        problem: Keyframe NLP of the sequence.
+        q: Joint angles of all arms before the retreat [rad].
+        m: Mode parameters.
+        arm: Index of the arm.
+        distance: Longest retreat [m].
+        turn: Change of the free joints over the longest retreat [rad].
+    """
     # Postures of the arm that moves, from the nearest to the farthest.
     arms = model.structure.number_of_arms
-    posture = np.asarray(q[-1]).reshape(arms, -1)
+    posture = q.reshape(arms, -1)
     angles = np.tile(posture[arm], (SHIFT_LANES, 1))
-    distances = np.zeros(SHIFT_LANES)
-    distances[:RETREAT_STEPS] = distance * np.arange(1, RETREAT_STEPS + 1) / RETREAT_STEPS
-    shifted = np.asarray(shift_gripper(model, angles, np.zeros(SHIFT_LANES, bool), distances))
+    is_up = np.zeros(SHIFT_LANES, bool)
+    part = np.zeros(SHIFT_LANES)
+    part[:RETREAT_STEPS] = np.arange(1, RETREAT_STEPS + 1) / RETREAT_STEPS
+    # The free joints have turned after the first half.
+    turns = turn * np.minimum(2 * part, 1)
+    shifted = np.asarray(shift_gripper(model, angles, is_up, distance * part, turns))
     postures = np.tile(posture, (RETREAT_STEPS, 1, 1))
     postures[:, arm] = shifted[:RETREAT_STEPS]
 

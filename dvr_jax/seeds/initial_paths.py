@@ -203,7 +203,9 @@ def _clear_postures(
     for lane, pose in enumerate(wanted):
         angles[lane] = coming[pose.phase, pose.arm]
         is_up[lane] = pose.is_up
-    shifted = np.asarray(shift_gripper(model, angles, is_up, np.full(lanes, CLEAR_DISTANCE)))
+    shifted = np.asarray(
+        shift_gripper(model, angles, is_up, np.full(lanes, CLEAR_DISTANCE), np.zeros(lanes))
+    )
 
     for lane, pose in enumerate(wanted):
         target = coming if pose.is_before else going

@@ -20,6 +20,7 @@ def shift_gripper(
     q: Float[Array, "lanes joints"],
     up: Bool[Array, " lanes"],
     distance: Float[Array, " lanes"],
+    free_change: Float[Array, " lanes"],
 ) -> Float[Array, "lanes joints"]:
     """Joint angles of one arm each with the gripper moved straight up, or back along its approach.
 
@@ -28,9 +29,10 @@ def shift_gripper(
         q: Joint angles [rad].
         up: True: straight up; False: back.
         distance: How far [m].
+        free_change: By how much the free joints of the inverse kinematics change [rad].
 
     Returns:
-        The solution nearest to `q` with the same free joints, or `q` itself where there is none near.
+        The solution nearest to `q` with these free joints, or `q` itself where there is none near.
     """
     # Bases stand upright, so that up in the base's frame is up in the world.
     identity = jnp.eye(3, dtype=q.dtype)[:, :, None, None]
@@ -42,7 +44,7 @@ def shift_gripper(
     straight = jnp.asarray([0.0, 0.0, 1.0], q.dtype)[:, None]
     target = p + distance * jnp.where(up, straight, -R[2])
     kinematics = model.structure.inverse_kinematics
-    free = q.T[jnp.asarray(kinematics.free_joints, int)]
+    free = q.T[jnp.asarray(kinematics.free_joints, int)] + free_change
     solutions, failure = kinematics.solve(model, R, target, free)
 
     change = jnp.where(failure == 0, jnp.abs(solutions - q.T[:, None]).max(0), jnp.inf)

@@ -309,7 +309,7 @@ def test_rows_tables_and_figures(
     arguments = ["--number", "2", "--out", str(file), *(["--meshes"] if meshes else [])]
     assert motions.run(arguments) == 0
     printed = capsys.readouterr().out
-    assert "feasible paths: 1 solved" in printed
+    assert "optimal paths: 1 solved" in printed
     line = next(line for line in printed.splitlines() if line.startswith("  all "))
     assert line.split()[1:3] == ["1", f"{rows[0]['duration']:.2f}"]
     assert "nor centered: 0" in printed

@@ -290,7 +290,7 @@ def test_a_gripper_is_shifted_up_or_back(name: str) -> None:
     q = np.clip(q, *PANDA.joint_limits)
     up = np.arange(n) % 2 == 0
     distance = generator.uniform(0.02, 0.06, n)
-    shifted = np.asarray(shift_gripper(workcell_model(workcell), q, up, distance))
+    shifted = np.asarray(shift_gripper(workcell_model(workcell), q, up, distance, np.zeros(len(q))))
     assert shifted.shape == q.shape
     same = (shifted == q).all(1)
     assert same.mean() < 0.1
