@@ -267,7 +267,7 @@ def test_switches_by_parameters(evaluated, by_parameter) -> None:
 
 def test_footprints_by_parameters(evaluated, by_parameter) -> None:
     B, K = evaluated.case.problems.switched_object.shape
-    analytic = np.zeros((K, PARAMETERS, B, K, 4))
+    analytic = np.zeros((K, PARAMETERS, B, K, 16))
     for k in range(K):
         analytic[k, :, :, k] = np.moveaxis(evaluated.results.jacobians["footprint"][:, k], 2, 0)
     Compared(analytic, *(side["footprint"] for side in by_parameter)).require_all()
