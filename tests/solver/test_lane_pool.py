@@ -16,7 +16,7 @@ from dvr_jax.nlp.problem import Variables
 from dvr_jax.nlp.transcription import transcribe
 from dvr_jax.runtime import batch_sizes
 from dvr_jax.runtime.batch_sizes import CPU
-from dvr_jax.solver import iteration, lane_pool
+from dvr_jax.solver import iteration
 from dvr_jax.solver.lane_pool import solve, stack
 from dvr_jax.solver.state import Settings, SolverStatus
 
