@@ -4,7 +4,7 @@ A path q(s) is traversed from rest to rest. With the speed s' and the accelerati
 
     dq/dt = q_s s',        d2q/dt2 = q_s s'' + q_ss s'^2,        torque = M (d2q/dt2) + C (dq/dt) + g.
 
-All but the jerk are linear in s'' and s'^2, and the algorithm TOPP-RA finds the fastest s(t) under such limits
+All but the jerk are linear in s'' and s'^2, and the library `toppra` finds the fastest s(t) under such limits
 (`dvr_jax.motion.path_parameter`). Its acceleration jumps. The limits of the jerk are so high compared with those of the
 acceleration (500 times as much in each second) that it is enough to round these jumps: s(t) is averaged over a window
 of `SMOOTHING`, twice. This keeps the path. The motion is then sampled, and what lies between the samples is the cubic
@@ -20,13 +20,16 @@ Torques reach their limits in few motions. They are bounded as soon as a motion 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.interpolate import CubicSpline
 
 from dvr_jax.motion.limit_use import LimitUse, MotionLimits, Torques, limit_use
-from dvr_jax.motion.path_parameter import FastestSpeeds, PathLimits
+
+if TYPE_CHECKING:
+    from dvr_jax.motion.path_parameter import PathLimits
 
 __all__ = ["TIME_STEP", "MotionLimits", "Torques", "time_optimal"]
 
@@ -116,6 +119,9 @@ def time_optimal(
         a single sample where nothing moves. They exceed a limit of torque only where an arm is too weak to hold its
         load still, which no timing can mend.
     """
+    # Imported here, because toppra takes a second that other uses of a motion need not wait for.
+    from dvr_jax.motion.path_parameter import fastest_speeds, interpolated
+
     steps = np.linalg.norm(np.diff(points, axis=0) / limits.velocity, axis=1)
     length = np.concatenate([[0.0], np.cumsum(steps)])
     if length[-1] < SHORTEST_PATH:
@@ -125,12 +131,14 @@ def time_optimal(
     kept = _distinct(length)
     path = CubicSpline(length[kept], points[kept])
     bounds = _first_bounds(path, limits, length, shortest_times)
-
-    fastest = FastestSpeeds(bounds.grid, _path_limits(bounds, limits, torques))
+    along_path = _path_limits(bounds, limits, torques)
+    geometry = interpolated(bounds.grid, path(bounds.grid))
 
     # Lower the bounds around the times at which the motion exceeds a limit, and compute it again.
     for _ in range(CORRECTIONS):
-        speeds = fastest.speeds(bounds.fraction, bounds.speed)
+        speeds = fastest_speeds(
+            geometry, bounds.grid, along_path.scaled(bounds.fraction), bounds.speed
+        )
         time = _grid_times(bounds.grid, speeds)
         parameter = _smoothed(_parameter_over_time(bounds.grid, speeds, time))
         along = _resampled(parameter, 1.0)
@@ -141,7 +149,7 @@ def time_optimal(
         torque_binds = not bounds.bounds_torque and bool(use.torque.max() > 1)
         bounds = _lowered(bounds, use, time, np.interp(along, bounds.grid, time))
         if torque_binds:
-            fastest = FastestSpeeds(bounds.grid, _path_limits(bounds, limits, torques))
+            along_path = _path_limits(bounds, limits, torques)
 
     # What is left slows the motion down as a whole.
     factor = 1.0
@@ -214,13 +222,15 @@ def _largest_speeds(
 
 
 def _path_limits(bounds: _Bounds, limits: MotionLimits, torques: Torques) -> PathLimits:
-    """Return the limits along a path in the form of the algorithm.
+    """Return the limits along a path in the form of TOPP-RA.
 
     Args:
         bounds: Bounds at the points of the grid.
         limits: Limits of the joints.
         torques: Inverse dynamics with what the arms hold.
     """
+    from dvr_jax.motion.path_parameter import PathLimits
+
     a = bounds.path(bounds.grid, 1)
     b = bounds.path(bounds.grid, 2)
     acceleration = LIMIT_FRACTION * np.minimum(limits.acceleration, LARGEST_LIMIT)

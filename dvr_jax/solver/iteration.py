@@ -351,30 +351,6 @@ def step(
     )
 
 
-def iterate(
-    model: WorkcellModel,
-    problems: Problem,
-    settings: Settings,
-    states: SolverState,
-    chunks: tuple[Slices, ...],
-) -> tuple[SolverState, tuple[Slices, ...]]:
-    """Do one iteration of a batch of NLPs by calling the compiled programs one after the other.
-
-    Args:
-        model: Arms of the workcell.
-        problems: A batch of problems.
-        settings: Settings of the method.
-        states: States of the lanes.
-        chunks: Slices of the trial points (`lay_out_chunks`).
-
-    Returns:
-        The new states, and the slices of the next trial points, cut into chunks.
-    """
-    return step(
-        model, problems, settings, states, tuple(measure_chunk(model, chunk) for chunk in chunks)
-    )
-
-
 def restart(states: SolverState, index: int, settings: Settings) -> None:
     """Start a lane that has ended again from its point; it keeps its multipliers and its penalty.
 
@@ -407,7 +383,6 @@ __all__ = [
     "cut_into_chunks",
     "evaluate_trials",
     "initial_states",
-    "iterate",
     "join_chunks",
     "lay_out_chunks",
     "measure_chunk",

@@ -30,7 +30,7 @@ from dvr_jax.solver.continuous_collision import (
     exchange_samples,
     sample_penetration,
 )
-from dvr_jax.solver.iteration import lay_out_chunks
+from dvr_jax.solver.iteration import lay_out_chunks, measure_chunk
 from dvr_jax.solver.sequential import LaneState, SequentialSettings
 from dvr_jax.solver.state import Settings, SolverState, SolverStatus
 from dvr_jax.workcell.model import WorkcellModel
@@ -193,8 +193,9 @@ class LanePool:
     def run(self) -> list[NlpSolution]:
         """Iterate until every task has a solution, and return the solutions in the order of the tasks."""
         while len(self._solutions) < len(self._tasks):
-            self._states, self._chunks = self._method.iterate(
-                self._model, self._on_device, self._settings, self._states, self._chunks
+            geometry = tuple(measure_chunk(self._model, chunk) for chunk in self._chunks)
+            self._states, self._chunks = self._method.step(
+                self._model, self._on_device, self._settings, self._states, geometry
             )
             ended = self._ended_lanes()
             if self._checks_motion:

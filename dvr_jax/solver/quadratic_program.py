@@ -29,11 +29,28 @@ PIVOT_LIMIT = 100
 FULL_TRIES = 5
 """Number of steps in a row that exchange all rows without decreasing the number of wrong ones."""
 
-LARGEST_SET = 0.5
-"""Largest share of the rows that may be in the set F; where more want to enter it, those with the least w do."""
+SMALL_SET = 64
+"""The set F of up to this many rows may contain all of them."""
+
+LARGEST_SHARE = 0.5
+"""Largest share of more rows that may be in the set F; where more want to enter it, those with the least w do. Its
+linear system takes a time that grows with the cube of this share."""
 
 ROUNDING = 1e-9
 """Multipliers and slacks above the negative of this count as nonnegative."""
+
+
+class _Solution(NamedTuple):
+    """What a set F leads to."""
+
+    y: Float[Array, " rows"]
+    """Its multipliers, which may be negative."""
+
+    w: Float[Array, " rows"]
+    """The product ``S y + b``."""
+
+    wrong: Bool[Array, " rows"]
+    """Rows that have to leave or to enter F."""
 
 
 class _Pivoting(NamedTuple):
@@ -42,14 +59,8 @@ class _Pivoting(NamedTuple):
     in_set: Bool[Array, " rows"]
     """The set F."""
 
-    y: Float[Array, " rows"]
-    """Its solution."""
-
-    w: Float[Array, " rows"]
-    """The product ``S y + b``."""
-
-    wrong: Bool[Array, " rows"]
-    """Rows that have to leave or to enter F."""
+    solution: _Solution
+    """What it leads to."""
 
     fewest: Int[Array, ""]
     """Least number of wrong rows so far."""
@@ -77,45 +88,23 @@ def solve_nonnegative(
     S = jnp.asarray(S)
     b = jnp.asarray(b)
     rows = len(b)
-    most = max(1, math.ceil(LARGEST_SET * rows))
-    identity = jnp.eye(most, dtype=S.dtype)
-
-    def solve(in_set: Array) -> tuple[Array, Array, Array]:
-        """Return y and w for a set F, and which rows are wrong."""
-        # The set is small, so its rows are gathered; places without a row get the row of an identity matrix.
-        chosen = jnp.nonzero(in_set, size=most, fill_value=rows)[0]
-        is_row = chosen < rows
-        both = is_row[:, None] & is_row[None]
-        inside = jnp.where(both, S.at[chosen[:, None], chosen[None]].get(mode="clip"), identity)
-        factor = jnp.linalg.cholesky(inside, symmetrize_input=False)
-        right = jnp.where(is_row, -b.at[chosen].get(mode="clip"), 0.0)
-        found = jax.scipy.linalg.cho_solve((factor, True), right)
-        y = jnp.zeros_like(b).at[chosen].set(found, mode="drop")
-        w = S @ y + b
-        return y, w, jnp.where(in_set, y < -ROUNDING, w < -ROUNDING)
+    most = min(rows, max(SMALL_SET, math.ceil(LARGEST_SHARE * rows)))
 
     def is_unsolved(state: _Pivoting) -> Array:
-        return jnp.any(state.wrong) & (state.steps < PIVOT_LIMIT)
+        return jnp.any(state.solution.wrong) & (state.steps < PIVOT_LIMIT)
 
     def pivot(state: _Pivoting) -> _Pivoting:
-        count = jnp.sum(state.wrong, dtype=jnp.int32)
+        wrong = state.solution.wrong
+        count = jnp.sum(wrong, dtype=jnp.int32)
         decreases = count < state.fewest
-        exchanges_all = decreases | (state.tries > 0)
-        stays = state.in_set & ~state.wrong
-        enters = ~state.in_set & state.wrong
-        order = jnp.where(stays, -jnp.inf, jnp.where(enters, state.w, jnp.inf))
-        rank = jnp.zeros(rows, int).at[jnp.argsort(order)].set(jnp.arange(rows))
-        exchanged = (stays | enters) & (rank < most)
 
         # The last wrong row alone, where exchanging all of them leads nowhere.
-        last = jnp.arange(rows) == rows - 1 - jnp.argmax(state.wrong[::-1])
-        in_set = jnp.where(exchanges_all, exchanged, state.in_set ^ last)
-        y, w, wrong = solve(in_set)
+        last = jnp.arange(rows) == rows - 1 - jnp.argmax(wrong[::-1])
+        exchanges_all = decreases | (state.tries > 0)
+        in_set = jnp.where(exchanges_all, _exchanged(state, most), state.in_set ^ last)
         return _Pivoting(
             in_set=in_set,
-            y=y,
-            w=w,
-            wrong=wrong,
+            solution=_solve_set(S, b, in_set, most),
             fewest=jnp.minimum(count, state.fewest),
             tries=jnp.where(decreases, FULL_TRIES, state.tries - 1),
             steps=state.steps + 1,
@@ -123,7 +112,48 @@ def solve_nonnegative(
 
     # A guess that is too large is not used.
     guess = guess & (jnp.sum(guess) <= most)
-    y, w, wrong = solve(guess)
-    count = jnp.zeros((), jnp.int32)
-    start = _Pivoting(guess, y, w, wrong, count + rows + 1, count + FULL_TRIES, count)
-    return jnp.maximum(jax.lax.while_loop(is_unsolved, pivot, start).y, 0.0)
+    zero = jnp.zeros((), jnp.int32)
+    start = _Pivoting(
+        guess, _solve_set(S, b, guess, most), zero + rows + 1, zero + FULL_TRIES, zero
+    )
+    return jnp.maximum(jax.lax.while_loop(is_unsolved, pivot, start).solution.y, 0.0)
+
+
+def _solve_set(S: jax.Array, b: jax.Array, in_set: Array, most: int) -> _Solution:
+    """Return the solution for a set F.
+
+    Args:
+        S: The matrix.
+        b: The linear term.
+        in_set: The set F.
+        most: Largest number of its rows.
+    """
+    # The set is small, so its rows are gathered; places without a row get the row of an identity matrix.
+    rows = len(b)
+    chosen = jnp.nonzero(in_set, size=most, fill_value=rows)[0]
+    is_row = chosen < rows
+    both = is_row[:, None] & is_row[None]
+    inside = S.at[chosen[:, None], chosen[None]].get(mode="clip")
+    inside = jnp.where(both, inside, jnp.eye(most, dtype=S.dtype))
+
+    factor = jnp.linalg.cholesky(inside, symmetrize_input=False)
+    right = jnp.where(is_row, -b.at[chosen].get(mode="clip"), 0.0)
+    found = jax.scipy.linalg.cho_solve((factor, True), right)
+    y = jnp.zeros_like(b).at[chosen].set(found, mode="drop")
+    w = S @ y + b
+    return _Solution(y, w, jnp.where(in_set, y < -ROUNDING, w < -ROUNDING))
+
+
+def _exchanged(state: _Pivoting, most: int) -> Bool[Array, " rows"]:
+    """Return the set F after all wrong rows have left or entered it, those with the least w first.
+
+    Args:
+        state: State of the method.
+        most: Largest number of rows of the set.
+    """
+    stays = state.in_set & ~state.solution.wrong
+    enters = ~state.in_set & state.solution.wrong
+    order = jnp.where(stays, -jnp.inf, jnp.where(enters, state.solution.w, jnp.inf))
+    rows = len(order)
+    rank = jnp.zeros(rows, int).at[jnp.argsort(order)].set(jnp.arange(rows))
+    return (stays | enters) & (rank < most)

@@ -61,15 +61,15 @@ def test_larger_buckets_change_nothing_but_the_last_digits(monkeypatch: pytest.M
 def test_linear_algebra_keeps_to_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
     threads: list[int] = []
 
-    original = iteration.iterate
+    original = iteration.step
 
-    def iterate(*args: Any) -> Any:
+    def step(*args: Any) -> Any:
         threads.extend(
             library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"
         )
         return original(*args)
 
-    monkeypatch.setattr(iteration, "iterate", iterate)
+    monkeypatch.setattr(iteration, "step", step)
     problem = transcribe(SCENE, SKELETONS[0][:1])
     with threadpool_limits(limits=2, user_api="blas"):
         solve(

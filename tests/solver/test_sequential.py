@@ -136,8 +136,6 @@ def _run(example: Example, settings: SequentialSettings, lane: LaneState) -> Lan
 
 
 BEYOND = {
-    22: "The lane ends at the optimum with twice the violation that is allowed at most.",
-    113: "The method ends at a point from which no step is accepted.",
     15: "The start is far from feasible, and no step from there stays within the funnel.",
     16: "The method ends at a local minimum, of the objective 23.1.",
     38: "The method ends at the stationary point of the objective 7.88, which is no minimum.",
