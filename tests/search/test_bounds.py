@@ -109,8 +109,14 @@ def leaf_of(tree: SequenceTree, *actions: str) -> Node:
 
 
 def test_a_second_look_finds_what_the_sequence_bound_missed() -> None:
-    scene = sampled(1072)
-    actions = "grasp(right, +x, blue)", "grasp(left, -x, blue)", "place(left, blue, goal)"
+    scene = sampled(133)
+    actions = (
+        "grasp(left, +x, blue)",
+        "grasp(right, +x, yellow)",
+        "place(left, blue, goal)",
+        "grasp(left, +x, yellow)",
+        "place(left, yellow, goal)",
+    )
     with jax.enable_x64(True):
         _, refuted = judged(scene, *actions)
         assert (
@@ -122,6 +128,7 @@ def test_a_second_look_finds_what_the_sequence_bound_missed() -> None:
         )
         leaf = leaf_of(tree, *actions)
         assert run_alone(session.judge_prefix_chains([leaf])) == [leaf] and not leaf.refuted_by
+        assert run_alone(session.try_path(leaf)) is not None
 
 
 def test_with_nothing_left_out_the_pose_bound_is_the_sequence_bound() -> None:
