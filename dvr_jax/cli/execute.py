@@ -90,9 +90,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _execute_once(plan: Plan, variation: ConditionRange, options: ExecuteOptions) -> int:
-    """Execute a plan once, report on every object, and write the animation."""
+    """Execute a plan once, write the animation, and report on every object."""
+    from dvr_jax.runtime.files import require_writable
+
+    path = options.out or options.plan / "execution.gif"
+    if options.animation:
+        # A place that cannot be written to is refused now, and not after the simulation.
+        require_writable(path)
     execution = _execution_under(plan, variation.conditions(0), options)
     report = execution.report
+    if options.animation:
+        _animate(path, plan, execution)
+
     print(f"{_verdict(report)} after {report.duration:.1f} s of simulated time")
     for item in report.objects:
         print(
@@ -103,8 +112,6 @@ def _execute_once(plan: Plan, variation: ConditionRange, options: ExecuteOptions
         print(f"first deviation: {report.deviation.sentence()}")
 
     if options.animation:
-        path = options.out or options.plan / "execution.gif"
-        _animate(path, plan, execution)
         print(f"animation: {path}")
     return EXIT_SUCCEEDED if report.succeeded else EXIT_FAILED
 
@@ -175,7 +182,6 @@ def _animate(path: Path, plan: Plan, execution: Execution) -> None:
     from dvr_jax.motion.motion import make_motion
 
     assert plan.motion is not None
-    path.parent.mkdir(parents=True, exist_ok=True)
     save_animation(
         path, plan.scene, make_motion(execution.time, execution.qpos, plan.motion.switch)
     )

@@ -6,8 +6,6 @@ import sys
 from collections.abc import Sequence
 from typing import TypeVar
 
-import tyro
-
 CONSOLE = "dvr-jax"
 """Name of the console command; `dvr_jax.cli.console` puts "dvr-jax COMMAND" into `sys.argv[0]`."""
 
@@ -30,6 +28,9 @@ def parse_options(
     Raises:
         SystemExit: The help was printed (code 0), or an option is wrong (code 2).
     """
+    # Imported here, because the console command and its list of commands do without.
+    import tyro
+
     return tyro.cli(kind, prog=program_name(command), args=arguments)
 
 

@@ -45,11 +45,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     options = parse_options(SampleOptions, "sample", arguments)
 
+    from dvr_jax.runtime.files import require_writable
     from dvr_jax.scene.files import save_scenes
     from dvr_jax.scene.random_scenes import sample_scenes
     from dvr_jax.scene.sampling import SceneDistribution
     from dvr_jax.workcell.workcell import named_workcell
 
+    # A place that cannot be written to is refused now, and not when all scenes have been drawn.
+    require_writable(options.out)
     workcell = named_workcell(options.workcell)
     distribution = SceneDistribution(
         shape=options.shape, cube_share=options.cubes, fixed_bodies=options.fixed

@@ -13,10 +13,11 @@ import msgspec
 from dvr_jax.checker import CheckReport
 from dvr_jax.errors import DataError, DvrError
 from dvr_jax.logic import Action, Grounding
-from dvr_jax.motion.file import load_motion, save_motion
+from dvr_jax.motion.file import encode_motion, load_motion
 from dvr_jax.motion.motion import Motion
 from dvr_jax.operators import Operator, ground_scene
 from dvr_jax.planning.path_quality import PathQuality
+from dvr_jax.runtime.files import read_whole, require_folder, write_together
 from dvr_jax.scene.files import scene_from_json, scene_to_json
 from dvr_jax.scene.layout import qpos_layout
 from dvr_jax.scene.mjcf import scene_xml
@@ -32,6 +33,9 @@ MUJOCO_SCENE = "scene.xml"
 DEPTH_PICTURE = "depth.png"
 FILM = "film.png"
 ANIMATION = "plan.gif"
+
+LARGEST_PLAN = 1 << 26
+"""Bytes of the largest plan.json that is read; one has some kilobytes."""
 
 
 class _ActionFile(msgspec.Struct):
@@ -61,7 +65,10 @@ class _PlanFile(msgspec.Struct):
 
 
 def save_plan(folder: Path, plan: Plan, pictures: bool, animation: bool) -> None:
-    """Write everything that is known of a plan into a folder.
+    """Write everything that is known of a plan into a folder, in place of another plan's files.
+
+    Those stay until all files of this one are complete. plan.json comes last, so that it is there only together with
+    the files that it describes.
 
     Args:
         folder: Folder for the files; it is made if it is missing.
@@ -73,29 +80,23 @@ def save_plan(folder: Path, plan: Plan, pictures: bool, animation: bool) -> None
         OSError: A file cannot be written.
     """
     # Imported here, because drawing takes half a second that other uses of a plan need not wait for.
-    from dvr_jax.drawing.animation import save_animation
-    from dvr_jax.drawing.depth_picture import save_depth_picture
-    from dvr_jax.drawing.film import save_film
+    from dvr_jax.drawing.animation import encode_animation
+    from dvr_jax.drawing.depth_picture import encode_depth_picture
+    from dvr_jax.drawing.film import encode_film
 
-    folder.mkdir(parents=True, exist_ok=True)
-
-    # Files of another plan must not stay beside this one. plan.json goes first and comes last, so that it is there
-    # only together with the files that it describes.
-    for name in (PLAN, TRAJECTORY, DEPTH_PICTURE, FILM, ANIMATION):
-        (folder / name).unlink(missing_ok=True)
-
-    (folder / MUJOCO_SCENE).write_text(scene_xml(plan.scene), encoding="utf-8")
+    require_folder(folder)
+    contents = {PLAN: encode_plan(plan), MUJOCO_SCENE: scene_xml(plan.scene).encode()}
     if pictures:
-        save_depth_picture(folder / DEPTH_PICTURE, plan.scene)
+        contents[DEPTH_PICTURE] = encode_depth_picture(plan.scene)
 
     if plan.motion is not None:
-        save_motion(folder / TRAJECTORY, plan.motion)
+        contents[TRAJECTORY] = encode_motion(plan.motion)
         if pictures:
-            save_film(folder / FILM, plan.scene, plan.action_descriptions, plan.motion)
+            contents[FILM] = encode_film(plan.scene, plan.action_descriptions, plan.motion)
         if animation:
-            save_animation(folder / ANIMATION, plan.scene, plan.motion)
+            contents[ANIMATION] = encode_animation(plan.scene, plan.motion)
 
-    (folder / PLAN).write_bytes(encode_plan(plan))
+    write_together(folder, contents, last=PLAN, stale=(TRAJECTORY, DEPTH_PICTURE, FILM, ANIMATION))
 
 
 def encode_plan(plan: Plan) -> bytes:
@@ -161,7 +162,7 @@ def load_plan_fields(folder: Path, operators: Sequence[Operator]) -> dict[str, A
 def _read_record(path: Path) -> _PlanFile:
     """Read plan.json; refuse what has not its form."""
     try:
-        content = path.read_bytes()
+        content = read_whole(path, LARGEST_PLAN)
     except (FileNotFoundError, NotADirectoryError):
         raise DataError(
             f"there is no file {path}; valid is a folder that a plan was saved to."
@@ -169,7 +170,7 @@ def _read_record(path: Path) -> _PlanFile:
 
     try:
         return msgspec.json.decode(content, type=_PlanFile)
-    except (msgspec.DecodeError, UnicodeError) as error:
+    except (msgspec.DecodeError, ValueError, RecursionError) as error:
         reason = " ".join(str(error).split()).rstrip(".")
         raise DataError(f"{path} holds no plan of this version: {reason}.") from None
 

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 import dvr_jax
-from dvr_jax.runtime.compilation import KEPT, Program
+from dvr_jax.runtime.compilation import Program
+from dvr_jax.runtime.program_files import KEPT
 
 CODE = """
 import sys

@@ -1,0 +1,108 @@
+"""Ctrl-C ends a command at once, at whatever it is: one line on standard error, and exit code 130.
+
+An exception such as Python's `KeyboardInterrupt` will not do: callbacks of JAX and imports swallow it or turn it into
+another one, and it waits for the end of what runs outside of Python, such as a compilation. So a thread waits for the
+signal, and ends the process itself. That loses nothing, because every file is written whole or not at all.
+
+This module is imported before all others of a command, so it imports only what takes no time.
+"""
+
+import os
+import signal
+import sys
+import threading
+import time
+from contextlib import suppress
+from typing import Any, NoReturn
+
+EXIT_INTERRUPTED = 130
+"""Exit code after Ctrl-C, as shells have it (128 + SIGINT)."""
+
+MESSAGE = b"interrupted\n"
+"""All that is said about an interruption."""
+
+PATIENCE = 5.0
+"""Longest time that removing files and ending worker processes may take [s]."""
+
+_temporary_files: set[str] = set()
+"""Files that are being written and have no value before they are renamed."""
+
+
+def end_on_interrupt() -> None:
+    """End this process from now on when it is interrupted; called once, by the main thread of a command.
+
+    A process that was started to ignore interruptions, as shells start jobs in the background, goes on ignoring them.
+    """
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        return
+
+    # Until the thread runs, the main thread handles the signal itself.
+    signal.signal(signal.SIGINT, _end)
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    threading.Thread(target=_wait_and_end, args=(reader,), daemon=True).start()
+
+    # The interpreter writes the number of a signal into the pipe the moment that it comes.
+    signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
+    signal.signal(signal.SIGINT, _leave_to_the_thread)
+
+
+def ignore_interrupts() -> None:
+    """Ignore interruptions from now on: the command has done its work, and its exit code is decided."""
+    if signal.getsignal(signal.SIGINT) in (_end, _leave_to_the_thread):
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def remember_temporary(path: str) -> None:
+    """Remember a file that an interruption shall remove."""
+    _temporary_files.add(path)
+
+
+def forget_temporary(path: str) -> None:
+    """Forget a file that has been renamed or removed."""
+    _temporary_files.discard(path)
+
+
+def _wait_and_end(reader: int) -> None:
+    """Read the numbers of signals from a pipe, and end the process at the first SIGINT."""
+    while True:
+        numbers = os.read(reader, 64)
+        if signal.SIGINT in numbers:
+            _end()
+
+
+def _leave_to_the_thread(*_: Any) -> None:
+    """Handle the signal in the main thread: stand still, so that nothing is printed while the process ends."""
+    time.sleep(PATIENCE)
+    _say_and_exit()
+
+
+def _end(*_: Any) -> NoReturn:
+    """Remove what is half done, and end this process."""
+    with suppress(Exception):
+        _end_workers()
+    for path in list(_temporary_files):
+        with suppress(OSError):
+            os.unlink(path)
+
+    _say_and_exit()
+
+
+def _say_and_exit() -> NoReturn:
+    """Write the message, and end this process without any cleanup."""
+    with suppress(OSError):
+        os.write(2, MESSAGE)
+    os._exit(EXIT_INTERRUPTED)
+
+
+def _end_workers() -> None:
+    """End the worker processes, and give their semaphores back, which the standard library would else complain of."""
+    multiprocessing = sys.modules.get("multiprocessing")
+    util = sys.modules.get("multiprocessing.util")
+    if multiprocessing is None or util is None:
+        return
+
+    for child in multiprocessing.active_children():
+        child.kill()
+    # What the interpreter calls at its own end; it has no public name.
+    util._run_finalizers(0)
