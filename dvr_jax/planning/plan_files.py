@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import platform
 from collections.abc import Sequence
 from importlib.metadata import version
@@ -45,7 +46,7 @@ class _ActionFile(msgspec.Struct):
     arguments: tuple[str, ...]
 
 
-class _PlanFile(msgspec.Struct):
+class _PlanFile(msgspec.Struct, forbid_unknown_fields=True):
     """Content of plan.json; the fields mean what the fields of `Plan` mean."""
 
     status: PlanStatus
@@ -62,6 +63,8 @@ class _PlanFile(msgspec.Struct):
     scene: msgspec.Raw
     versions: dict[str, str]
     """Versions of Python and of the packages that made the plan."""
+    checksum: str | None = None
+    """SHA-256 of the file as it is without this; files before version 0.10 have none."""
 
 
 def save_plan(folder: Path, plan: Plan, pictures: bool, animation: bool) -> None:
@@ -118,6 +121,7 @@ def encode_plan(plan: Plan) -> bytes:
         scene=msgspec.Raw(scene_to_json(plan.scene).encode()),
         versions={"python": platform.python_version(), **versions},
     )
+    record.checksum = _checksum_of(record)
     return msgspec.json.format(msgspec.json.encode(record), indent=1) + b"\n"
 
 
@@ -169,10 +173,21 @@ def _read_record(path: Path) -> _PlanFile:
         ) from None
 
     try:
-        return msgspec.json.decode(content, type=_PlanFile)
+        record = msgspec.json.decode(content, type=_PlanFile)
     except (msgspec.DecodeError, ValueError, RecursionError) as error:
         reason = " ".join(str(error).split()).rstrip(".")
         raise DataError(f"{path} holds no plan of this version: {reason}.") from None
+
+    if record.checksum is not None and record.checksum != _checksum_of(record):
+        raise DataError(f"{path} is not as it was written: its checksum is another one.")
+    return record
+
+
+def _checksum_of(record: _PlanFile) -> str:
+    """Return the SHA-256 of a record without its checksum, whatever white space its file has."""
+    scene = msgspec.Raw(msgspec.json.format(bytes(record.scene), indent=-1))
+    plain = msgspec.structs.replace(record, checksum=None, scene=scene)
+    return hashlib.sha256(msgspec.json.encode(plain)).hexdigest()
 
 
 def _load_fitting_motion(folder: Path, scene: Scene, actions: tuple[Action, ...]) -> Motion:
