@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from dvr_jax.cli.options import parse_options
+from dvr_jax.cli.options import LARGEST, LARGEST_NUMBER, parse_options, require_range
 from dvr_jax.errors import DataError, OptionError, run_command
 
 if TYPE_CHECKING:
@@ -73,8 +73,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from dvr_jax.execution.repetition import ConditionRange
     from dvr_jax.planning.result import Plan
 
-    if options.repeat < 1:
-        raise OptionError(f"--repeat is {options.repeat}; valid is 1 or more.")
+    require_range("repeat", options.repeat, 1, LARGEST_NUMBER)
+    require_range("workers", options.workers, 1, LARGEST["workers"])
     variation = ConditionRange(options.object_noise / MILLIMETERS, options.friction, options.seed)
     if options.repeat > 1 and options.out is not None:
         raise OptionError(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from dvr_jax.cli.options import parse_options
+from dvr_jax.cli.options import LARGEST_NUMBER, parse_options, require_range
 from dvr_jax.errors import run_command
 
 
@@ -44,6 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         The exit code.
     """
     options = parse_options(SampleOptions, "sample", arguments)
+    require_range("number", options.number, 1, LARGEST_NUMBER)
 
     from dvr_jax.runtime.files import require_writable
     from dvr_jax.scene.files import save_scenes

@@ -55,8 +55,9 @@ def repack_folder(directory: Path) -> Iterator[RepackedShard]:
 def repack_shard(info: ShardInfo) -> RepackedShard:
     """Write a shard in the present layout.
 
-    The footer keeps the versions and options that made the labels; only the number of the layout changes, and there is a checksum. The new file
-    is read beside the old one and must hold the same rows before it takes the old one's place.
+    The footer keeps the versions and options that made the labels; only the number of the layout changes, and a
+    checksum is added. The new file is read beside the old one and must hold the same rows before it takes the old
+    one's place.
 
     Args:
         info: place and footer of the shard.

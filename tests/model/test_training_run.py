@@ -285,7 +285,7 @@ def test_held_out_scenes_are_not_those_that_are_trained_on(tmp_path: Path) -> No
         ),
         ("--cooldown 100001", "--cooldown is 100001; valid is 0 to 100000, the --steps."),
         ("--unknown 1.5", "--unknown is 1.5; valid is 0 to 1."),
-        ("--batch-scenes 0", "--batch-scenes is 0; valid is 1 or more."),
+        ("--batch-scenes 0", "--batch-scenes is 0; valid is 1 to 65,536."),
         ("--learning-rate 0", "--learning-rate is 0.0; valid is a positive number."),
         (
             "--image-size 2",
