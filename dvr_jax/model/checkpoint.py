@@ -63,16 +63,12 @@ class CheckpointFolder:
             folder: The folder.
             keep: Number of checkpoints that stay when further ones are written.
         """
-        # Orbax reports every file that it writes, and each damaged one before this class can say a sentence about it.
+        # Orbax reports every file that it writes.
         logging.getLogger("absl").setLevel(logging.CRITICAL)
         self.folder = folder
+        self._keep = keep
+        self._manager: Any = None
         folder.mkdir(parents=True, exist_ok=True)
-
-        options = ocp.CheckpointManagerOptions(
-            max_to_keep=keep,
-            enable_async_checkpointing=False,
-        )
-        self._manager = ocp.CheckpointManager(folder.absolute(), options=options)
 
     def latest(self) -> int | None:
         """Return the step of the latest checkpoint that is not damaged, or None if there is no checkpoint at all.
@@ -80,7 +76,7 @@ class CheckpointFolder:
         Raises:
             DvrError: There are checkpoints, and all are damaged.
         """
-        steps = sorted(self._manager.all_steps(), reverse=True)
+        steps = sorted(self._steps(), reverse=True)
         for step in steps:
             if self._damage(step) is None:
                 return step
@@ -100,14 +96,12 @@ class CheckpointFolder:
         """
         latest = self.latest()
         sentences = []
-        for step in sorted(self._manager.all_steps()):
+        for step in sorted(self._steps()):
             if latest is not None and step > latest:
                 damage = self._damage(step)
                 place = set_aside(self._folder_of(step))
                 sentences.append(f"{self._name(step)}: {damage}; it is now {place.name}")
 
-        if sentences:
-            self._manager.reload()
         return sentences
 
     def save(self, state: TrainingState, metadata: NetworkMetadata) -> None:
@@ -124,7 +118,7 @@ class CheckpointFolder:
                 _METADATA: ocp.args.JsonSave({**metadata.to_json(), SEAL: True}),
             }
         )
-        self._manager.save(state.step, args=parts)
+        self._open_manager().save(state.step, args=parts)
         seal_folder(self._folder_of(state.step))
 
     def metadata(self, step: int) -> NetworkMetadata:
@@ -174,7 +168,8 @@ class CheckpointFolder:
 
     def close(self) -> None:
         """Release the folder."""
-        self._manager.close()
+        if self._manager is not None:
+            self._manager.close()
 
     def _require_latest(self) -> int:
         """Return the step of the latest checkpoint, and refuse a folder without any."""
@@ -188,13 +183,29 @@ class CheckpointFolder:
     def _restore(self, step: int, parts: dict[str, Any]) -> Any:
         """Return these parts of a checkpoint."""
         try:
-            return self._manager.restore(step, args=ocp.args.Composite(**parts))
+            with ocp.Checkpointer(ocp.CompositeCheckpointHandler()) as checkpointer:
+                return checkpointer.restore(self._folder_of(step), args=ocp.args.Composite(**parts))
         except Exception as error:
             # The libraries that read the files raise errors of a dozen kinds.
             reason = str(error).partition("\n")[0]
             raise DvrError(
                 f"{self._name(step)}: the checkpoint cannot be read ({reason})."
             ) from None
+
+    def _open_manager(self) -> Any:
+        """Return orbax's manager, which writes checkpoints, and reads files of all of them when it is made."""
+        if self._manager is None:
+            options = ocp.CheckpointManagerOptions(
+                max_to_keep=self._keep,
+                enable_async_checkpointing=False,
+            )
+            self._manager = ocp.CheckpointManager(self.folder.absolute(), options=options)
+        return self._manager
+
+    def _steps(self) -> list[int]:
+        """Return the steps of all checkpoints, damaged or not."""
+        names = [path.name for path in self.folder.iterdir() if path.is_dir()]
+        return [int(name) for name in names if name.isascii() and name.isdecimal()]
 
     def _folder_of(self, step: int) -> Path:
         """Return the folder of a checkpoint."""

@@ -6,14 +6,13 @@ import io
 import json
 import zlib
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 
 from tensorboardX import SummaryWriter
 
 from dvr_jax.errors import DvrError
-from dvr_jax.runtime.files import read_whole, write_whole
+from dvr_jax.runtime.files import append_line, read_whole, write_whole
 from dvr_jax.runtime.json_text import parse_json
 
 Record = dict[str, float]
@@ -46,7 +45,8 @@ class History:
         self.path = folder / "history.jsonl"
         self.records = [record for record in read_history(self.path) if record["step"] <= step]
         folder.mkdir(parents=True, exist_ok=True)
-        lines = map(_to_line, self.records)
+        self._checksum = 0
+        lines = [self._to_line(record) for record in self.records]
         write_whole(self.path, "".join(lines).encode())
 
         # TensorBoard drops the same records; a new run has none to drop.
@@ -67,8 +67,12 @@ class History:
             self._events.add_scalar(f"{part}/{name}", value, step)
 
         self.records.append(record)
-        with self.path.open("a", encoding="utf-8") as file:
-            file.write(_to_line(record))
+        append_line(self.path, self._to_line(record))
+
+    def _to_line(self, record: Record) -> str:
+        """Return the next line: the record as JSON, with a checksum of it and of all lines before it."""
+        self._checksum = _checksum_after(self._checksum, record)
+        return json.dumps({**record, CHECKSUM: self._checksum}) + "\n"
 
     def __enter__(self) -> History:
         return self
@@ -94,23 +98,32 @@ def read_history(path: Path) -> list[Record]:
     if not path.exists():
         return []
 
-    *lines, rest = read_whole(path).split(b"\n")
-    records = [_record_of(line, f"{path}, line {n}") for n, line in enumerate(lines, start=1)]
+    content = read_whole(path)
+    *lines, _ = content.split(b"\n")
+    records: list[Record] = []
+    # Histories before version 0.10 have no checksums.
+    checksum = 0 if CHECKSUM.encode() in content else None
+    for number, line in enumerate(lines, start=1):
+        place = f"{path}, line {number}"
+        record = _record_of(line, place)
+        found = record.pop(CHECKSUM, None)
+        if checksum is not None:
+            checksum = _checksum_after(checksum, record)
+        if found != checksum:
+            raise _refusal(place, "its checksum is another one")
+        records.append(record)
 
-    # A line without an end is a record only if nothing but the end is missing.
-    with suppress(DvrError):
-        records.append(_record_of(rest, f"{path}, last line"))
+    # What follows the last line break was cut short by a kill.
     return records
 
 
-def _to_line(record: Record) -> str:
-    """Return the line of a record: JSON, with a checksum of all else as the last figure."""
-    text = json.dumps(record)
-    return json.dumps({**record, CHECKSUM: zlib.crc32(text.encode())}) + "\n"
+def _checksum_after(before: int, record: Record) -> int:
+    """Return the checksum of a record and of all before it, given that of all before it."""
+    return zlib.crc32(json.dumps(record).encode(), before)
 
 
 def _record_of(line: bytes, place: str) -> Record:
-    """Return the record of a line; lines before version 0.10 have no checksum."""
+    """Return the record of a line, with its checksum."""
     try:
         record = parse_json(line)
     except ValueError as error:
@@ -118,9 +131,6 @@ def _record_of(line: bytes, place: str) -> Record:
 
     if not _is_record(record):
         raise _refusal(place, "a record has a step, and figures with names such as train/loss")
-    checksum = record.pop(CHECKSUM, None)
-    if checksum is not None and checksum != zlib.crc32(json.dumps(record).encode()):
-        raise _refusal(place, "its checksum is another one")
     return dict(record)
 
 

@@ -80,6 +80,28 @@ def write_whole(path: Path, content: bytes) -> None:
     _flush_folder(target.parent)
 
 
+def append_line(path: Path, line: str) -> None:
+    """Append a line to a file, or leave the file as it was where there is no room.
+
+    Args:
+        path: The file.
+        line: The line with its end.
+
+    Raises:
+        OSError: The line cannot be written; the error names the file.
+    """
+    with _naming(os.fspath(path)), path.open("ab", buffering=0) as file:
+        size = file.seek(0, os.SEEK_END)
+        content = line.encode()
+        try:
+            written = file.write(content)
+            if written != len(content):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        except OSError:
+            file.truncate(size)
+            raise
+
+
 def write_together(
     folder: Path, contents: Mapping[str, bytes], last: str, stale: Sequence[str] = ()
 ) -> None:
@@ -124,8 +146,6 @@ def require_folder(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
 
     with _naming(str(folder)):
-        if not os.access(folder, os.W_OK | os.X_OK):
-            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(folder))
         _remove_temporary(_write_temporary(folder / "probe", bytes(1 << 14)))
 
 

@@ -1,4 +1,4 @@
-"""Ctrl-C ends a command at once, at whatever it is: one line on standard error, and exit code 130.
+"""Ctrl-C ends a command at once, at whatever it is: one line on standard error, exit code 130. SIGTERM does so too.
 
 An exception such as Python's `KeyboardInterrupt` will not do: callbacks of JAX and imports swallow it or turn it into
 another one, and it waits for the end of what runs outside of Python, such as a compilation. So a thread waits for the
@@ -15,11 +15,11 @@ import time
 from contextlib import suppress
 from typing import Any, NoReturn
 
-EXIT_INTERRUPTED = 130
-"""Exit code after Ctrl-C, as shells have it (128 + SIGINT)."""
+MESSAGES = {signal.SIGINT: b"interrupted\n", signal.SIGTERM: b"terminated\n"}
+"""Signals that end a command, and all that is said about each."""
 
-MESSAGE = b"interrupted\n"
-"""All that is said about an interruption."""
+EXIT_OF_SIGNAL = 128
+"""Exit code after a signal, as shells have it, is this and the number of the signal: 130 after Ctrl-C."""
 
 PATIENCE = 5.0
 """Longest time that removing files and ending worker processes may take [s]."""
@@ -29,28 +29,30 @@ _temporary_files: set[str] = set()
 
 
 def end_on_interrupt() -> None:
-    """End this process from now on when it is interrupted; called once, by the main thread of a command.
+    """End this process from now on when it is interrupted or terminated; called once, by the main thread of a command.
 
     A process that was started to ignore interruptions, as shells start jobs in the background, goes on ignoring them.
     """
-    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-        return
+    taken = [number for number in MESSAGES if signal.getsignal(number) is not signal.SIG_IGN]
 
-    # Until the thread runs, the main thread handles the signal itself.
-    signal.signal(signal.SIGINT, _end)
+    # Until the thread runs, the main thread handles the signals itself.
+    for number in taken:
+        signal.signal(number, _end)
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
     threading.Thread(target=_wait_and_end, args=(reader,), daemon=True).start()
 
     # The interpreter writes the number of a signal into the pipe the moment that it comes.
     signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
-    signal.signal(signal.SIGINT, _leave_to_the_thread)
+    for number in taken:
+        signal.signal(number, _leave_to_the_thread)
 
 
 def ignore_interrupts() -> None:
-    """Ignore interruptions from now on: the command has done its work, and its exit code is decided."""
-    if signal.getsignal(signal.SIGINT) in (_end, _leave_to_the_thread):
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Ignore these signals from now on: the command has done its work, and its exit code is decided."""
+    for number in MESSAGES:
+        if signal.getsignal(number) in (_end, _leave_to_the_thread):
+            signal.signal(number, signal.SIG_IGN)
 
 
 def remember_temporary(path: str) -> None:
@@ -64,20 +66,20 @@ def forget_temporary(path: str) -> None:
 
 
 def _wait_and_end(reader: int) -> None:
-    """Read the numbers of signals from a pipe, and end the process at the first SIGINT."""
+    """Read the numbers of signals from a pipe, and end the process at the first one that shall end it."""
     while True:
-        numbers = os.read(reader, 64)
-        if signal.SIGINT in numbers:
-            _end()
+        for number in os.read(reader, 64):
+            if number in MESSAGES:
+                _end(number)
 
 
-def _leave_to_the_thread(*_: Any) -> None:
-    """Handle the signal in the main thread: stand still, so that nothing is printed while the process ends."""
+def _leave_to_the_thread(number: int, _: Any) -> None:
+    """Handle a signal in the main thread: stand still, so that nothing is printed while the process ends."""
     time.sleep(PATIENCE)
-    _say_and_exit()
+    _say_and_exit(number)
 
 
-def _end(*_: Any) -> NoReturn:
+def _end(number: int, _: Any = None) -> NoReturn:
     """Remove what is half done, and end this process."""
     with suppress(Exception):
         _end_workers()
@@ -85,14 +87,14 @@ def _end(*_: Any) -> NoReturn:
         with suppress(OSError):
             os.unlink(path)
 
-    _say_and_exit()
+    _say_and_exit(number)
 
 
-def _say_and_exit() -> NoReturn:
-    """Write the message, and end this process without any cleanup."""
+def _say_and_exit(number: int) -> NoReturn:
+    """Write the message of a signal, and end this process without any cleanup."""
     with suppress(OSError):
-        os.write(2, MESSAGE)
-    os._exit(EXIT_INTERRUPTED)
+        os.write(2, MESSAGES[signal.Signals(number)])
+    os._exit(EXIT_OF_SIGNAL + number)
 
 
 def _end_workers() -> None:

@@ -102,6 +102,21 @@ def test_whatever_a_command_does(work: str, tmp_path: Path) -> None:
     assert {path.name for path in tmp_path.iterdir()} <= {"slow.py"}
 
 
+def test_a_process_may_be_terminated(tmp_path: Path) -> None:
+    work = "print('ready', flush=True); time.sleep(60)"
+    process = subprocess.Popen(
+        [sys.executable, "-c", BUSY.format(work=work)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n"
+    process.terminate()
+    _, errors = process.communicate(timeout=60)
+    assert (process.returncode, errors) == (143, "terminated\n")
+
+
 @pytest.mark.parametrize("seconds", [0.3, 0.6, 1.0])
 def test_sampling_ends_at_once_and_writes_nothing(seconds: float, tmp_path: Path) -> None:
     file = tmp_path / "scenes.jsonl"

@@ -13,6 +13,7 @@ import pytest
 
 from dvr_jax.runtime import files
 from dvr_jax.runtime.files import (
+    append_line,
     read_whole,
     require_folder,
     require_writable,
@@ -73,6 +74,18 @@ def test_the_last_file_goes_first_and_comes_last(
     monkeypatch.setattr(files.os, "replace", watch)
     write_together(tmp_path, {"plan": b"2", "motion": b"2"}, last="plan")
     assert replaced == ["motion", "plan"]
+
+
+def test_a_line_that_does_not_fit_leaves_the_file_as_it_was(
+    tmp_path: Path, small_disk: None
+) -> None:
+    path = tmp_path / "history"
+    append_line(path, "first\n")
+    with pytest.raises(OSError) as refused:
+        append_line(path, "x" * 10_000 + "\n")
+    assert refused.value.filename == str(path)
+    append_line(path, "last\n")
+    assert path.read_text() == "first\nlast\n"
 
 
 def test_a_link_leads_to_the_file_that_is_replaced(tmp_path: Path) -> None:
