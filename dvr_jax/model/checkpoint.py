@@ -21,7 +21,7 @@ import orbax.checkpoint as ocp
 from dvr_jax.errors import DvrError
 from dvr_jax.model.checkpoint_files import SEAL, damage_of, seal_folder, set_aside
 from dvr_jax.model.metadata import NetworkMetadata, check_parameters
-from dvr_jax.model.network import NetworkParameters, initial_parameters
+from dvr_jax.model.network import NetworkParameters, parameter_shapes
 
 # Names of a checkpoint's parts on disk.
 _METADATA = "header"
@@ -162,7 +162,8 @@ class CheckpointFolder:
         """Read parameters and metadata of the latest checkpoint, without the optimizer's state."""
         step = self._require_latest()
         metadata = self.metadata(step)
-        template = initial_parameters(metadata.config, 0).tree
+        # Shapes alone: the sizes of a foreign network may be such that no machine can hold it.
+        template = parameter_shapes(metadata.config)
         parts = self._restore(step, {_PARAMETERS: ocp.args.StandardRestore(template)})
         return check_parameters(parts[_PARAMETERS], metadata, self._name(step)), metadata
 
@@ -204,7 +205,7 @@ class CheckpointFolder:
 
     def _steps(self) -> list[int]:
         """Return the steps of all checkpoints, damaged or not."""
-        names = [path.name for path in self.folder.iterdir() if path.is_dir()]
+        names = [path.name for path in self.folder.iterdir() if (path / _METADATA).is_dir()]
         return [int(name) for name in names if name.isascii() and name.isdecimal()]
 
     def _folder_of(self, step: int) -> Path:

@@ -9,7 +9,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
+from synthetic import OPTIONS, synthetic
 
+from dvr_jax.dataset.shards import write_shard
+from dvr_jax.model.checkpoint import CheckpointFolder
+from dvr_jax.model.history import read_history
 from dvr_jax.scene.files import save_scene, save_scenes
 from dvr_jax.scene.random_scenes import sample_scenes
 
@@ -162,3 +166,20 @@ def test_ten_moments_of_a_sweep(tmp_path: Path) -> None:
         lines = errors.splitlines()
         assert code == 130 and lines[-1] == "interrupted"
         assert all("scenes, " in line for line in lines[:-1]), errors
+
+
+@pytest.mark.slow
+def test_ten_moments_of_a_training_that_goes_on_each_time(tmp_path: Path) -> None:
+    write_shard(tmp_path / "labels-000000.parquet", *synthetic(0, 8), OPTIONS)
+    options = ["--data", str(tmp_path / "labels-000000.parquet"), "--out", str(tmp_path / "out")]
+    sizes = ["--image-size", "24", "--rays", "1", "--held-out", "0.4", "--batch-scenes", "2"]
+    every = ["--log-every", "5", "--checkpoint-every", "5", "--validate-every", "100000"]
+    command = [sys.executable, "-m", "dvr_jax.train", *options, *sizes, *every]
+    for number in range(10):
+        code, errors = interrupted(command, 0.3 * (30 / 0.3) ** (number / 9))
+        assert (code, errors) == (130, "interrupted\n")
+
+    steps = [record["step"] for record in read_history(tmp_path / "out" / "history.jsonl")]
+    assert (
+        steps == sorted(set(steps)) and CheckpointFolder(tmp_path / "out" / "checkpoints").latest()
+    )
