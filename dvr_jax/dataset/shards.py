@@ -19,7 +19,14 @@ import pyarrow.parquet as pq
 
 from dvr_jax.dataset import first_layout, layout
 from dvr_jax.dataset.columns import Columns, columns_of, labels_in
-from dvr_jax.dataset.file_checksum import BLANK, CHECKSUM_KEY, is_sealed, is_whole, seal
+from dvr_jax.dataset.file_checksum import (
+    BLANK,
+    CHECKSUM_KEY,
+    is_sealed,
+    is_whole,
+    require_moderate_size,
+    seal,
+)
 from dvr_jax.dataset.footer import (
     CHECKSUM,
     FIRST_SCHEMA,
@@ -42,9 +49,6 @@ KEY = b"dvr_jax"
 
 SUFFIX = ".parquet"
 """End of the name of a shard."""
-
-MOST_VALUES = 200_000_000
-"""Values of the largest shard; one of 250 scenes has less than a million."""
 
 OWN_NAME = r"labels-\d{6}\.parquet"
 """Names that a sweep gives its shards."""
@@ -202,7 +206,7 @@ def read_columns(info: ShardInfo) -> Columns:
     own_layout = first_layout if info.footer.schema == FIRST_SCHEMA else layout
     content = _read_whole_shard(info.path)
     try:
-        _require_moderate_size(content)
+        require_moderate_size(content)
         table = pq.read_table(pa.BufferReader(content), page_checksum_verification=True)
         table.validate(full=True)
         columns = own_layout.from_table(table)
@@ -280,17 +284,6 @@ def same_rows(first: Shard, second: Shard) -> bool:
 
 def _folder_of(info: ShardInfo) -> Path:
     return info.path.parent.resolve()
-
-
-def _require_moderate_size(content: bytes) -> None:
-    """Refuse a file of few bytes that would unfold to more than a machine can hold."""
-    metadata = pq.ParquetFile(pa.BufferReader(content)).metadata
-    groups = [metadata.row_group(index) for index in range(metadata.num_row_groups)]
-    number = sum(
-        group.column(index).num_values for group in groups for index in range(group.num_columns)
-    )
-    if number > MOST_VALUES:
-        raise ValueError(f"it has {number:,} values; valid are at most {MOST_VALUES:,}")
 
 
 def _read_whole_shard(path: Path) -> bytes:

@@ -42,10 +42,11 @@ def end_on_interrupt() -> None:
     os.set_blocking(writer, False)
     threading.Thread(target=_wait_and_end, args=(reader,), daemon=True).start()
 
-    # The interpreter writes the number of a signal into the pipe the moment that it comes.
-    signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
+    # The interpreter writes the number of a signal into the pipe the moment that it comes. A signal that comes between
+    # these lines is handled by the main thread alone, later: two would both say that they end.
     for number in taken:
         signal.signal(number, _leave_to_the_thread)
+    signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
 
 
 def ignore_interrupts() -> None:
