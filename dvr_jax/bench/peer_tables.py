@@ -24,8 +24,9 @@ inequalities apart). times: medians of CPU time [ms], first of problems that bot
 try and find infeasible; ratio: robotic's median as a multiple of ours. by our measure: of the solutions that robotic
 calls feasible, those within our tolerances everywhere, and with paths looked at in their slices only. A solver has no
 path where it found no keyframes. Of finer paths our measure is not taken; robotic's own verdict is stricter there,
-since its sums have more terms. check: feasible paths that the independent check accepts. cost: how many of the paths
-that it accepts of both cost us no more than 1 % above robotic, and the median ratio of costs."""
+since its sums have more terms. check: feasible paths that the independent check accepts, with up to 3 mm of
+penetration. cost: how many of the paths that it accepts of both cost us no more than 1 % above robotic, and the median
+ratio of costs."""
 
 
 def print_tables(rows: Sequence[dict[str, Any]]) -> None:
