@@ -58,6 +58,10 @@ BENCHMARKS: dict[str, Benchmark] = {
         "drawn", "how deep drawn links get into what plans keep their capsules clear of"
     ),
     "peers": Benchmark("peers", "the same problems solved by `robotic`"),
+    "fuzz": Benchmark(
+        "fuzz",
+        "read damaged scenes and files, run random command lines: nothing may break (10 minutes)",
+    ),
     "report": Benchmark(
         "report", "write the figures in README.md and docs/ from the committed results"
     ),

@@ -87,10 +87,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         clearance=options.clearance,
         termination=options.termination,
     )
-    _print_plan(result, options)
-
     if options.out is not None:
+        # Written before anything is printed, because the reader of the output may have gone.
         result.save(options.out, animation=options.animation)
+
+    _print_plan(result, options)
+    if options.out is not None:
         print(f"written to {options.out}/")
 
     return EXIT_SOLVED if result.solved else EXIT_NONE_FOUND

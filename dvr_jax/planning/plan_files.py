@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import platform
 from collections.abc import Sequence
 from importlib.metadata import version
@@ -13,10 +14,11 @@ import msgspec
 from dvr_jax.checker import CheckReport
 from dvr_jax.errors import DataError, DvrError
 from dvr_jax.logic import Action, Grounding
-from dvr_jax.motion.file import load_motion, save_motion
+from dvr_jax.motion.file import encode_motion, load_motion
 from dvr_jax.motion.motion import Motion
 from dvr_jax.operators import Operator, ground_scene
 from dvr_jax.planning.path_quality import PathQuality
+from dvr_jax.runtime.files import read_whole, require_folder, write_together
 from dvr_jax.scene.files import scene_from_json, scene_to_json
 from dvr_jax.scene.layout import qpos_layout
 from dvr_jax.scene.mjcf import scene_xml
@@ -33,6 +35,9 @@ DEPTH_PICTURE = "depth.png"
 FILM = "film.png"
 ANIMATION = "plan.gif"
 
+LARGEST_PLAN = 1 << 26
+"""Bytes of the largest plan.json that is read; one has some kilobytes."""
+
 
 class _ActionFile(msgspec.Struct):
     """One action in plan.json."""
@@ -41,7 +46,7 @@ class _ActionFile(msgspec.Struct):
     arguments: tuple[str, ...]
 
 
-class _PlanFile(msgspec.Struct):
+class _PlanFile(msgspec.Struct, forbid_unknown_fields=True):
     """Content of plan.json; the fields mean what the fields of `Plan` mean."""
 
     status: PlanStatus
@@ -58,10 +63,15 @@ class _PlanFile(msgspec.Struct):
     scene: msgspec.Raw
     versions: dict[str, str]
     """Versions of Python and of the packages that made the plan."""
+    checksum: str | None = None
+    """SHA-256 of the file as it is without this; files before version 0.10 have none."""
 
 
 def save_plan(folder: Path, plan: Plan, pictures: bool, animation: bool) -> None:
-    """Write everything that is known of a plan into a folder.
+    """Write everything that is known of a plan into a folder, in place of another plan's files.
+
+    Those stay until all files of this one are complete. plan.json comes last, so that it is there only together with
+    the files that it describes.
 
     Args:
         folder: Folder for the files; it is made if it is missing.
@@ -73,29 +83,23 @@ def save_plan(folder: Path, plan: Plan, pictures: bool, animation: bool) -> None
         OSError: A file cannot be written.
     """
     # Imported here, because drawing takes half a second that other uses of a plan need not wait for.
-    from dvr_jax.drawing.animation import save_animation
-    from dvr_jax.drawing.depth_picture import save_depth_picture
-    from dvr_jax.drawing.film import save_film
+    from dvr_jax.drawing.animation import encode_animation
+    from dvr_jax.drawing.depth_picture import encode_depth_picture
+    from dvr_jax.drawing.film import encode_film
 
-    folder.mkdir(parents=True, exist_ok=True)
-
-    # Files of another plan must not stay beside this one. plan.json goes first and comes last, so that it is there
-    # only together with the files that it describes.
-    for name in (PLAN, TRAJECTORY, DEPTH_PICTURE, FILM, ANIMATION):
-        (folder / name).unlink(missing_ok=True)
-
-    (folder / MUJOCO_SCENE).write_text(scene_xml(plan.scene), encoding="utf-8")
+    require_folder(folder)
+    contents = {PLAN: encode_plan(plan), MUJOCO_SCENE: scene_xml(plan.scene).encode()}
     if pictures:
-        save_depth_picture(folder / DEPTH_PICTURE, plan.scene)
+        contents[DEPTH_PICTURE] = encode_depth_picture(plan.scene)
 
     if plan.motion is not None:
-        save_motion(folder / TRAJECTORY, plan.motion)
+        contents[TRAJECTORY] = encode_motion(plan.motion)
         if pictures:
-            save_film(folder / FILM, plan.scene, plan.action_descriptions, plan.motion)
+            contents[FILM] = encode_film(plan.scene, plan.action_descriptions, plan.motion)
         if animation:
-            save_animation(folder / ANIMATION, plan.scene, plan.motion)
+            contents[ANIMATION] = encode_animation(plan.scene, plan.motion)
 
-    (folder / PLAN).write_bytes(encode_plan(plan))
+    write_together(folder, contents, last=PLAN, stale=(TRAJECTORY, DEPTH_PICTURE, FILM, ANIMATION))
 
 
 def encode_plan(plan: Plan) -> bytes:
@@ -117,6 +121,7 @@ def encode_plan(plan: Plan) -> bytes:
         scene=msgspec.Raw(scene_to_json(plan.scene).encode()),
         versions={"python": platform.python_version(), **versions},
     )
+    record.checksum = _checksum_of(record)
     return msgspec.json.format(msgspec.json.encode(record), indent=1) + b"\n"
 
 
@@ -161,17 +166,28 @@ def load_plan_fields(folder: Path, operators: Sequence[Operator]) -> dict[str, A
 def _read_record(path: Path) -> _PlanFile:
     """Read plan.json; refuse what has not its form."""
     try:
-        content = path.read_bytes()
+        content = read_whole(path, LARGEST_PLAN)
     except (FileNotFoundError, NotADirectoryError):
         raise DataError(
             f"there is no file {path}; valid is a folder that a plan was saved to."
         ) from None
 
     try:
-        return msgspec.json.decode(content, type=_PlanFile)
-    except (msgspec.DecodeError, UnicodeError) as error:
+        record = msgspec.json.decode(content, type=_PlanFile)
+    except (msgspec.DecodeError, ValueError, RecursionError) as error:
         reason = " ".join(str(error).split()).rstrip(".")
         raise DataError(f"{path} holds no plan of this version: {reason}.") from None
+
+    if record.checksum is not None and record.checksum != _checksum_of(record):
+        raise DataError(f"{path} is not as it was written: its checksum is another one.")
+    return record
+
+
+def _checksum_of(record: _PlanFile) -> str:
+    """Return the SHA-256 of a record without its checksum, whatever white space its file has."""
+    scene = msgspec.Raw(msgspec.json.format(bytes(record.scene), indent=-1))
+    plain = msgspec.structs.replace(record, checksum=None, scene=scene)
+    return hashlib.sha256(msgspec.json.encode(plain)).hexdigest()
 
 
 def _load_fitting_motion(folder: Path, scene: Scene, actions: tuple[Action, ...]) -> Motion:
@@ -209,6 +225,10 @@ def _require_agreement(
 
     if record.check is None or not record.check.passed:
         raise DataError(f"{path} says that the plan is solved, but not that it passed the check.")
+
+    # Where the goal holds from the start, no action is needed; the rules know only what actions bring about.
+    if not actions:
+        return
 
     try:
         grounding.check_sequence(actions)

@@ -20,6 +20,7 @@ from dvr_jax.errors import OptionError
 from dvr_jax.motion.motion import Motion
 from dvr_jax.operators import OPERATORS, Operator
 from dvr_jax.planning.arguments import (
+    LARGEST_K_MAX,
     describe_value,
     require_integer,
     require_number,
@@ -27,6 +28,7 @@ from dvr_jax.planning.arguments import (
     require_scene,
 )
 from dvr_jax.planning.feasibility import motion_of
+from dvr_jax.planning.goal_met import resting_plan
 from dvr_jax.planning.networks import choose_search
 from dvr_jax.planning.path_quality import TERMINATIONS, PathQuality, quality_of
 from dvr_jax.planning.result import Plan
@@ -62,7 +64,7 @@ def plan(
         scene: Valid scene.
         search: "dvr" (guided by a network as in the paper), "classifier" (guided by a feasibility classifier), "mbts"
             (multi-bound tree search) or "bfs" (breadth-first search).
-        k_max: Largest number of actions, at least 1.
+        k_max: Largest number of actions, 1 to 50.
         seed: Seed of all sampling, from 0. The same seed gives the same plan.
         time_limit: Time after which the search gives up [s]. The clock is read between batches, so the search can
             exceed the limit by a few seconds. The time includes compilation, which takes most of a minute for the
@@ -84,7 +86,7 @@ def plan(
         DvrError: The arms are in collision in the scene's initial state, or the scene is too large for the network.
     """
     scene = require_scene(scene)
-    k_max = require_integer("k_max", k_max, least=1)
+    k_max = require_integer("k_max", k_max, least=1, most=LARGEST_K_MAX)
     seed = require_integer("the seed", seed, least=0)
     time_limit = require_positive("the time limit", time_limit, "s")
     say = progress or _say_nothing
@@ -102,6 +104,19 @@ def plan(
     # The tree refuses a scene whose arms collide at home, before anything is compiled for it.
     tree = SequenceTree(planned, k_max, seed, deadline=begin + time_limit, operators=operators)
     acceptance = _Acceptance(planned, say, checks)
+    options: dict[str, object] = {
+        "search": search,
+        "k_max": k_max,
+        "seed": seed,
+        "network": None if chosen_network is None else chosen_network.checksum,
+        "time_limit": time_limit if math.isfinite(time_limit) else None,
+        "clearance": clearance,
+        "termination": termination,
+    }
+    rest = resting_plan(scene, operators, checks, options)
+    if rest is not None:
+        say("the goal holds already: no action is needed")
+        return rest
 
     # Tolerances of a micrometer need double precision. It is switched on here and not on import, because the import of
     # a package must not change the programs of others.
@@ -116,15 +131,6 @@ def plan(
             mode,
         )
 
-    options: dict[str, object] = {
-        "search": search,
-        "k_max": k_max,
-        "seed": seed,
-        "network": None if chosen_network is None else chosen_network.checksum,
-        "time_limit": time_limit if math.isfinite(time_limit) else None,
-        "clearance": clearance,
-        "termination": termination,
-    }
     found = _make_plan(tree, outcome, acceptance, options, total_seconds=time.monotonic() - begin)
     return replace(found, scene=scene)
 

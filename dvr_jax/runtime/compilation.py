@@ -1,4 +1,4 @@
-"""Compiled programs: how they are compiled, and how they are kept on disk so that only a machine's first run waits."""
+"""Compiled programs: how they are compiled, and how they are found again, so that only a machine's first run waits."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import hashlib
 import os
 import pickle
 import platform
-import shutil
 from collections import defaultdict
 from collections.abc import Callable
 from functools import lru_cache
@@ -21,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.experimental import serialize_executable
 
-from dvr_jax.runtime.files import write_whole
+from dvr_jax.runtime.program_files import PREFIX, cache_folder, read_entry, write_entry
 
 CPU_OPTIONS: dict[str, Any] = {
     "xla_cpu_multi_thread_eigen": False,
@@ -37,36 +36,13 @@ instead of 5.2 s) to code of the same speed. Barriers must stay until fusion is 
 barriers and 0.18 ms with them.
 """
 
-SWITCH = "DVR_JAX_CACHE"
-"""Environment variable: a folder for compiled programs in place of the default one, or "off"."""
-
-KEPT = 8
-"""Number of folders of executables that are kept, each for one state of the sources and the machine."""
-
 DEPENDENCIES = ("jax", "jaxlib", "flax", "mujoco", "numpy")
 """Packages whose versions an executable depends on."""
-
-_PREFIX = "programs-"
-"""Beginning of the name of each folder of executables."""
 
 _SHAPE_AND_TYPE = attrgetter("shape", "dtype")
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
-
-
-def cache_folder() -> Path | None:
-    """Return the folder for compiled programs, or None if they are not kept.
-
-    The folder is `$DVR_JAX_CACHE` if that is set ("off" means None), else `$XDG_CACHE_HOME/dvr_jax`, else
-    `~/.cache/dvr_jax`.
-    """
-    chosen = os.environ.get(SWITCH)
-    if chosen:
-        return None if chosen == "off" else Path(chosen)
-
-    caches = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(caches) / "dvr_jax"
 
 
 class Program(Generic[_P, _R]):
@@ -139,7 +115,7 @@ class Program(Generic[_P, _R]):
         # What JAX's own cache gives back cannot be serialized again, because the copy lacks its functions. And if the
         # sources were edited since this process read them, the executable is not the one of the edited sources.
         if jax.config.values["jax_compilation_cache_dir"] is None and _hash_sources() == _SOURCES:
-            _write_executable(path, pickle.dumps(serialize_executable.serialize(compiled)))
+            write_entry(path, pickle.dumps(serialize_executable.serialize(compiled)))
 
         return compiled
 
@@ -172,9 +148,13 @@ converting once: ten NumPy arrays among the arguments of a program cost more tha
 
 def _load_executable(path: Path) -> Callable[..., Any] | None:
     """Return the executable of a file, or None if the file is absent or of no use."""
+    content = read_entry(path)
+    if content is None:
+        return None
+
     _register_linear_algebra()
     try:
-        program, inputs, outputs = pickle.loads(path.read_bytes())
+        program, inputs, outputs = pickle.loads(content)
         return serialize_executable.deserialize_and_load(
             program,
             inputs,
@@ -182,28 +162,8 @@ def _load_executable(path: Path) -> Callable[..., Any] | None:
             execution_devices=jax.devices()[:1],
         )
     except Exception:
-        # Absent, cut short, or written by another jaxlib: in each case the program is compiled anew.
+        # Written by another jaxlib: the program is compiled anew.
         return None
-
-
-def _write_executable(path: Path, content: bytes) -> None:
-    """Write an executable whole or not at all; a cache that cannot be written to is no error."""
-    try:
-        if not path.parent.is_dir():
-            path.parent.mkdir(parents=True)
-            _remove_oldest(path.parents[1])
-        write_whole(path, content)
-    except OSError:
-        pass
-
-
-def _remove_oldest(cache: Path) -> None:
-    """Remove all folders of executables but the `KEPT` ones that were written last."""
-    folders = [path for path in cache.iterdir() if path.is_dir() and path.name.startswith(_PREFIX)]
-    folders.sort(key=lambda path: path.stat().st_mtime)
-
-    for folder in folders[:-KEPT]:
-        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _hash_sources() -> str:
@@ -245,7 +205,7 @@ def _environment_folder() -> str:
     settings = os.environ.get("XLA_FLAGS", "")
 
     environment = (_SOURCES, versions, devices, settings, platform.machine(), _processor_features())
-    return _PREFIX + hashlib.sha256(repr(environment).encode()).hexdigest()[:16]
+    return PREFIX + hashlib.sha256(repr(environment).encode()).hexdigest()[:16]
 
 
 def _processor_features() -> str:
