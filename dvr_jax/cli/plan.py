@@ -1,4 +1,7 @@
-"""Command line `python -m dvr_jax.plan SCENE.json`: from a scene file to a checked two-arm motion."""
+"""Command line `python -m dvr_jax.plan SCENE.json`: from a scene file to a checked two-arm motion.
+
+`python -m dvr_jax.plan SCENES.jsonl --out DIR` plans all scenes of a file (`dvr_jax.cli.plan_many`).
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from dvr_jax.cli.options import parse_options
+from dvr_jax.cli.plan_many import SUFFIX, plan_many
 from dvr_jax.errors import OptionError, run_command
 
 if TYPE_CHECKING:
@@ -28,11 +32,15 @@ EXIT_NONE_FOUND = 1
 class PlanOptions:
     """Find a sequence of actions that solves a scene, and a motion of the arms that carries it out.
 
-    Exit code 0: solved, and the motion passed the independent check; 1: none found; 2: bad input.
+    A file of many scenes is planned by several processes into one folder for each scene, with a table of results. A run
+    that was stopped goes on when the same command is given again.
+
+    Exit code 0: solved, and the motion passed the independent check; 1: none found, or not for every scene; 2: bad
+    input.
     """
 
     scene: Annotated[Path, tyro.conf.Positional]
-    """Scene file (JSON)."""
+    """Scene file (*.json), or a file of many scenes, one a line (*.jsonl, as `python -m dvr_jax.sample` writes it)."""
     search: Literal["dvr", "classifier", "mbts", "bfs"] = "dvr"
     """Guided by a network as in the paper (dvr), guided by a feasibility classifier (classifier), multi-bound tree
     search (mbts), or breadth-first search (bfs)."""
@@ -53,6 +61,10 @@ class PlanOptions:
     """Folder for plan.json, trajectory.npz, scene.xml, film.png, depth.png and plan.gif; it is made if missing."""
     animation: bool = True
     """Also write plan.gif, which takes some seconds."""
+    workers: int | None = None
+    """Number of processes for a file of many scenes, which plan one scene each at a time; by default one a core."""
+    ray: str | None = None
+    """Address of a Ray cluster whose CPUs take the workers' place ("auto": the one that runs on this machine)."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -65,6 +77,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         The exit code.
     """
     options = parse_options(PlanOptions, "plan", arguments)
+    if options.scene.suffix == SUFFIX:
+        return plan_many(options)
+    if options.workers is not None or options.ray is not None:
+        raise OptionError(
+            f"--workers and --ray are for a file of many scenes (*{SUFFIX}); {options.scene} is none."
+        )
 
     from dvr_jax.planning.planner import plan
     from dvr_jax.runtime.files import require_folder

@@ -21,6 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.experimental import serialize_executable
 
+from dvr_jax.runtime.file_lock import only_process
 from dvr_jax.runtime.files import write_whole
 
 CPU_OPTIONS: dict[str, Any] = {
@@ -135,6 +136,12 @@ class Program(Generic[_P, _R]):
         if loaded is not None:
             return loaded
 
+        # Another process may be compiling the same program. Then this one waits and loads what the other has written.
+        with only_process(path.with_suffix(".lock")):
+            return _load_executable(path) or self._compile_and_keep(path, args)
+
+    def _compile_and_keep(self, path: Path, args: tuple[Any, ...]) -> Callable[..., _R]:
+        """Compile the function and write the executable to the disk."""
         compiled = self._compile(args)
         # What JAX's own cache gives back cannot be serialized again, because the copy lacks its functions. And if the
         # sources were edited since this process read them, the executable is not the one of the edited sources.
@@ -189,9 +196,8 @@ def _load_executable(path: Path) -> Callable[..., Any] | None:
 def _write_executable(path: Path, content: bytes) -> None:
     """Write an executable whole or not at all; a cache that cannot be written to is no error."""
     try:
-        if not path.parent.is_dir():
-            path.parent.mkdir(parents=True)
-            _remove_oldest(path.parents[1])
+        path.parent.mkdir(parents=True, exist_ok=True)
+        _remove_oldest(path.parents[1])
         write_whole(path, content)
     except OSError:
         pass

@@ -33,6 +33,9 @@ Job = Callable[[], None]
 _ready: set[Hashable] = set()
 """Sizes of the scenes whose programs this process has."""
 
+_beside = True
+"""Whether `warming_up` compiles beside the work inside."""
+
 
 class _Programs:
     """Calls that compile the programs of scenes like a given one."""
@@ -212,6 +215,12 @@ def _key(
     return structure, len(scene.objects), len(scene.fixed), k_max, size, names, termination
 
 
+def stop_warming_up() -> None:
+    """Let this process compile a program only when it is called, because the process has a single core."""
+    global _beside
+    _beside = False
+
+
 @contextmanager
 def warming_up(
     scene: Scene,
@@ -229,7 +238,7 @@ def warming_up(
         operators: The operators that are known.
         termination: Whether paths will be optimized.
     """
-    if _key(scene, k_max, network, operators, termination) in _ready:
+    if not _beside or _key(scene, k_max, network, operators, termination) in _ready:
         yield
         return
     done = Event()
