@@ -84,6 +84,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
             f"--workers and --ray are for a file of many scenes (*{SUFFIX}); {options.scene} is none."
         )
 
+    # The programs of the last plan of this kind are loaded while the modules of the planner are imported.
+    from dvr_jax.runtime.compilation import keep_programs_of, load_programs_of
+
+    purpose = _purpose(options)
+    load_programs_of(purpose)
+
     from dvr_jax.planning.planner import plan
     from dvr_jax.runtime.files import require_folder
     from dvr_jax.scene.files import load_scene
@@ -105,6 +111,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         clearance=options.clearance,
         termination=options.termination,
     )
+    keep_programs_of(purpose)
     _print_plan(result, options)
 
     if options.out is not None:
@@ -112,6 +119,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"written to {options.out}/")
 
     return EXIT_SOLVED if result.solved else EXIT_NONE_FOUND
+
+
+def _purpose(options: PlanOptions) -> str:
+    """Name the programs that a plan is likely to need, by the number of objects and the kind of search."""
+    try:
+        objects = options.scene.read_bytes().count(b'"shape"')
+    except OSError:
+        # The file is refused a little later, with a reason.
+        objects = 0
+    return f"plan-{objects}-bodies-{options.search}-{options.k_max}-{options.termination}"
 
 
 def _load_network(options: PlanOptions) -> Predictor | None:

@@ -11,8 +11,8 @@ from dvr_jax.errors import DvrError
 from dvr_jax.planning.planner import plan
 from dvr_jax.planning.result import Plan
 from dvr_jax.scene.types import Scene
+from dvr_jax.search.compile_ahead import compile_nothing_ahead
 from dvr_jax.search.searches import GUIDED
-from dvr_jax.search.warm import stop_warming_up
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +98,7 @@ def prepare_worker() -> None:
     It compiles a program when it needs it. Each worker is bound to one core, on which a thread that compiles programs
     for later would only delay the plan.
     """
-    stop_warming_up()
+    compile_nothing_ahead()
 
 
 def plan_scene_task(task: SceneTask) -> Iterator[ScenePlan]:

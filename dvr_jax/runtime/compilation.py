@@ -8,12 +8,13 @@ import pickle
 import platform
 import shutil
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import lru_cache
 from importlib.metadata import version
 from operator import attrgetter
 from pathlib import Path
-from threading import Lock
+from threading import Lock, get_ident
 from typing import Any, Generic, ParamSpec, TypeVar
 
 import jax
@@ -23,6 +24,7 @@ from jax.experimental import serialize_executable
 
 from dvr_jax.runtime.file_lock import only_process
 from dvr_jax.runtime.files import write_whole
+from dvr_jax.runtime.load_ahead import load_in_background, take_loaded
 
 CPU_OPTIONS: dict[str, Any] = {
     "xla_cpu_multi_thread_eigen": False,
@@ -113,7 +115,7 @@ class Program(Generic[_P, _R]):
 
     def _get_ready(self, key: tuple[Any, ...], args: tuple[Any, ...]) -> Callable[..., _R]:
         """Return the executable of a key, which another thread may be compiling at the same time."""
-        with self._locks[key]:
+        with _noted_as_waiting(self._function.__qualname__), self._locks[key]:
             compiled = self._compiled.get(key)
             if compiled is None:
                 compiled = self._load_or_compile(key, args)
@@ -124,6 +126,8 @@ class Program(Generic[_P, _R]):
     def _compile(self, args: tuple[Any, ...]) -> jax.stages.Compiled:
         """Compile the function for arguments of these shapes."""
         options = CPU_OPTIONS if jax.default_backend() == "cpu" else {}
+        for observer in list(_observers):
+            observer()
         return jax.jit(self._function, compiler_options=options).lower(*args).compile()
 
     def _load_or_compile(self, key: tuple[Any, ...], args: tuple[Any, ...]) -> Callable[..., _R]:
@@ -132,7 +136,8 @@ class Program(Generic[_P, _R]):
         if path is None:
             return self._compile(args)
 
-        loaded = _load_executable(path)
+        loaded = take_loaded(path) or _load_executable(path)
+        _used.append(path.name)
         if loaded is not None:
             return loaded
 
@@ -162,6 +167,80 @@ class Program(Generic[_P, _R]):
 
         digest = hashlib.sha256(text.encode()).hexdigest()
         return cache / _environment_folder() / f"{name}-{digest[:32]}.executable"
+
+
+_used: list[str] = []
+"""Names of the files of the programs that this process has called, in the order of their first calls."""
+
+
+def load_programs_of(purpose: str) -> None:
+    """Begin to load the programs that the last run for the same purpose used, in another thread.
+
+    Args:
+        purpose: What the process is going to do, as a part of a file's name.
+    """
+    cache = cache_folder()
+    if cache is None:
+        return
+
+    folder = cache / _environment_folder()
+    try:
+        names = (folder / f"{purpose}.txt").read_text(encoding="utf-8").split()
+    except (OSError, UnicodeError):
+        return
+    load_in_background([folder / name for name in names], _load_executable)
+
+
+def keep_programs_of(purpose: str) -> None:
+    """Keep in mind which programs this process has used, for `load_programs_of`.
+
+    Args:
+        purpose: What the process has done, as a part of a file's name.
+    """
+    cache = cache_folder()
+    if cache is not None and _used:
+        content = "".join(f"{name}\n" for name in _used).encode()
+        _write_executable(cache / _environment_folder() / f"{purpose}.txt", content)
+
+
+_waiting: dict[int, str] = {}
+"""Names of the programs that threads wait for, while they are compiled or loaded, by thread."""
+
+_observers: list[Callable[[], None]] = []
+"""Functions that are called when a program is about to be compiled."""
+
+
+@contextmanager
+def _noted_as_waiting(name: str) -> Iterator[None]:
+    """Keep the name of the program that this thread waits for while the block runs."""
+    _waiting[get_ident()] = name
+    try:
+        yield
+    finally:
+        del _waiting[get_ident()]
+
+
+@contextmanager
+def when_compiling(observer: Callable[[], None]) -> Iterator[None]:
+    """Call a function each time that a program has to be compiled while the block runs.
+
+    Args:
+        observer: Function that is called by the thread that compiles, before it does so.
+    """
+    _observers.append(observer)
+    try:
+        yield
+    finally:
+        _observers.remove(observer)
+
+
+def awaited_program(thread: int) -> str | None:
+    """Return the name of the program that a thread waits for, to be compiled or loaded; None if it waits for none.
+
+    Args:
+        thread: Identifier of the thread, as `threading.get_ident` returns it.
+    """
+    return _waiting.get(thread)
 
 
 def _identity(tree: Any) -> Any:
