@@ -134,7 +134,8 @@ def run_scene_tasks(
         if event.kind is EventKind.ITEM:
             yield event.value
         elif event.kind is EventKind.FAILED:
-            yield ScenePlan(tasks[event.task].index, None, str(event.value))
+            reason = f"{type(event.value).__name__}: {event.value}"
+            yield ScenePlan(tasks[event.task].index, None, reason)
 
 
 def _run(tasks: Sequence[SceneTask], workers: int | None, ray: str | None) -> Iterator[TaskEvent]:

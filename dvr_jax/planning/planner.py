@@ -106,7 +106,8 @@ def plan(
     # Tolerances of a micrometer need double precision. It is switched on here and not on import, because the import of
     # a package must not change the programs of others.
     mode = Termination[termination.upper()]
-    with jax.enable_x64(True), compiling_ahead(planned, k_max, chosen_network, operators, mode):
+    ahead = compiling_ahead(planned, k_max, chosen_network, operators, mode)
+    with jax.enable_x64(True), ahead as watch:
         outcome = run_search(
             search,
             tree,
@@ -114,6 +115,7 @@ def plan(
             acceptance.progress,
             chosen_network,
             mode,
+            watch,
         )
 
     options: dict[str, object] = {

@@ -15,7 +15,8 @@ def only_process(path: Path) -> Iterator[None]:
     Windows, or in a folder that cannot be written to), nobody waits: two processes do the same work, which is no error.
 
     Args:
-        path: File of the lock; it is made, together with its folder, and stays.
+        path: File of the lock. It is made, together with its folder, and removed at the end. A process that arrives in
+            this moment may have to do without the lock, so what the block makes has to be written in one step.
     """
     try:
         import fcntl
@@ -29,4 +30,8 @@ def only_process(path: Path) -> Iterator[None]:
     with file:
         with suppress(OSError):
             fcntl.flock(file, fcntl.LOCK_EX)
-        yield
+        try:
+            yield
+        finally:
+            with suppress(OSError):
+                path.unlink()

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 from dvr_jax.errors import OptionError
-from dvr_jax.runtime.task_pool import EventKind, TaskEvent
+from dvr_jax.runtime.task_pool import EventKind, TaskEvent, WorkerDied
 
 CONNECTION_TIMEOUT = 10.0
 """Longest wait for a cluster's address to answer [s]; Ray itself tries for minutes."""
@@ -61,13 +61,12 @@ def _next_event(ray: Any, stream: Any, task: int) -> TaskEvent:
     except StopIteration:
         return TaskEvent(task, EventKind.DONE)
     except ray.exceptions.RayTaskError as error:
-        cause = error.cause if isinstance(error.cause, BaseException) else error
-        return TaskEvent(task, EventKind.FAILED, f"{type(cause).__name__}: {cause}")
+        cause = error.cause if isinstance(error.cause, Exception) else error
+        return TaskEvent(task, EventKind.FAILED, cause)
     except ray.exceptions.RayError as error:
         reason = str(error).splitlines()[0].rstrip(".")
-        return TaskEvent(
-            task, EventKind.FAILED, f"its processes on the cluster were lost: {reason}."
-        )
+        lost = WorkerDied(f"its processes on the cluster were lost: {reason}.")
+        return TaskEvent(task, EventKind.FAILED, lost)
 
 
 def _connect(address: str) -> Any:

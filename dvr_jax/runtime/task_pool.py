@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import pickle
 import signal
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -17,6 +18,7 @@ from dataclasses import dataclass
 from enum import Enum
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
+from traceback import format_exception
 from typing import Any
 
 from dvr_jax.runtime.processes import prepare_worker
@@ -45,8 +47,12 @@ class TaskEvent:
     kind: EventKind
     """What is reported."""
     value: Any = None
-    """The result for ITEM, or the reason in one sentence for FAILED. After the death of a worker the task starts again,
-    so that results can come twice."""
+    """The result for ITEM, or the exception for FAILED. After the death of a worker the task starts again, so that
+    results can come twice."""
+
+
+class WorkerDied(RuntimeError):
+    """All worker processes that a task was given to have died."""
 
 
 @dataclass(slots=True)
@@ -146,7 +152,8 @@ class _Pool:
         if self.attempts[worker.task] < ATTEMPTS:
             self.waiting.append(worker.task)
             return None
-        return TaskEvent(worker.task, EventKind.FAILED, _describe_death(worker.process.exitcode))
+        error = WorkerDied(_describe_death(worker.process.exitcode))
+        return TaskEvent(worker.task, EventKind.FAILED, error)
 
 
 def run_tasks(
@@ -208,9 +215,19 @@ def _work(
             for item in function(task):
                 connection.send((EventKind.ITEM, item))
         except Exception as error:
-            connection.send((EventKind.FAILED, f"{type(error).__name__}: {error}"))
+            error.add_note("".join(format_exception(error)))
+            connection.send((EventKind.FAILED, _picklable(error)))
         else:
             connection.send((EventKind.DONE, None))
+
+
+def _picklable(error: Exception) -> Exception:
+    """Return an exception that survives pickling: the exception itself, or one with its text."""
+    try:
+        pickle.loads(pickle.dumps(error))
+    except Exception:
+        return RuntimeError(f"{type(error).__name__}: {error}")
+    return error
 
 
 def _core_of(slot: int) -> int | None:

@@ -1,8 +1,9 @@
 """Compile beside a search what it will soon need, on a machine that does not have its programs yet.
 
 The programs of a plan depend on the number of its actions. The network's most promising sequence is usually right, so
-its number of actions is assumed, and the programs of the path of this length are compiled first: they take longest, and
-the search needs them last. Nothing is done before the search meets a program that the disk does not have.
+its number of actions is assumed, and the programs of the path of this length are compiled while the search still
+samples keyframes. The requests of the search tell if it turns to other sequences. Nothing is done before the search
+meets a program that the disk does not have.
 """
 
 from __future__ import annotations
@@ -10,8 +11,11 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
+from enum import Enum
 from functools import partial
 from threading import Event, Lock, Thread, get_ident
+from typing import Any, TypeVar
 
 import jax
 
@@ -24,8 +28,11 @@ from dvr_jax.search.searches import steps_of
 from dvr_jax.search.session import SearchSession
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.warm import Job, Programs, all_jobs
-from dvr_jax.search.work import Steps, run_alone
-from dvr_jax.solver.state import Termination
+from dvr_jax.search.work import ExtendBeams, Request, Steps, run_alone
+from dvr_jax.solver.state import Settings, Termination
+
+T = TypeVar("T")
+"""Type of a search's result."""
 
 HELPERS = 2
 """Number of threads that compile beside the search. While the search waits for a program, both cores of a small
@@ -44,6 +51,10 @@ def compile_nothing_ahead() -> None:
     _is_allowed = False
 
 
+Watch = Callable[[Steps[T]], Steps[T]]
+"""Function that passes the requests of a search on, and looks at them."""
+
+
 @contextmanager
 def compiling_ahead(
     scene: Scene,
@@ -51,7 +62,7 @@ def compiling_ahead(
     network: SequencePredictor[Images, Encoding] | None,
     operators: Sequence[Operator],
     termination: Termination,
-) -> Iterator[None]:
+) -> Iterator[Watch[Any]]:
     """Compile on other cores what the work inside will soon need, from the first program on that it has to compile.
 
     Args:
@@ -60,24 +71,18 @@ def compiling_ahead(
         network: The network that guides the search, if any.
         operators: The operators that are known.
         termination: Whether paths will be optimized.
+
+    Yields:
+        A function through which the requests of the search are to pass.
     """
     if not _is_allowed or (os.cpu_count() or 1) == 1:
-        yield
+        yield lambda steps: steps
         return
 
-    def list_jobs() -> tuple[list[Job], list[Job]]:
-        """Return what is needed soon, and what may be needed later."""
-        programs = Programs(scene, k_max, operators)
-        everything = all_jobs(programs, scene, network, termination)
-        if network is None:
-            return everything, []
-        length = likely_length(scene, k_max, network, operators)
-        return _jobs_of_length(programs, length, termination), everything
-
-    helpers = _Helpers(list_jobs)
+    helpers = _Helpers(scene, k_max, network, operators, termination)
     try:
         with when_compiling(helpers.start):
-            yield
+            yield helpers.watch
     finally:
         # Each thread ends with the program that it is at.
         helpers.stop()
@@ -127,29 +132,69 @@ class _FirstLeaves(SearchSession):
         raise _Found(leaves[0].depth)
 
 
-def _jobs_of_length(programs: Programs, length: int, termination: Termination) -> list[Job]:
-    """Return what a search needs whose first sequence of this length is right."""
-    jobs: list[Job] = []
-    if termination == Termination.OPTIMAL:
-        jobs.append(partial(programs.optimize_path, length))
-    keyframes = [partial(programs.solve_keyframes, number) for number in range(2, length + 1)]
-    jobs += keyframes[:1]
-    jobs.append(partial(programs.solve_path, length))
-    return [*jobs, *keyframes[1:]]
+class _JobKind(Enum):
+    """What a job compiles; the values are methods of `Programs`."""
+
+    KEYFRAMES = "solve_keyframes"
+    PATH = "solve_path"
+    OPTIMUM = "optimize_path"
+
+
+@dataclass(frozen=True, slots=True)
+class _Job:
+    """The programs of one kind of NLP with one number of actions."""
+
+    kind: _JobKind
+    length: int
+
+    def bound_to(self, programs: Programs) -> Job:
+        """Return the call that compiles the programs."""
+        return partial(getattr(programs, self.kind.value), self.length)
+
+
+def _jobs_of_length(length: int, is_optimal: bool) -> list[_Job]:
+    """Return what a search needs if its first sequence has this length and is right, in the order of compilation.
+
+    Most sequences of two actions need no keyframe NLP, because a sample proves that they are feasible.
+    """
+    keyframes = [_Job(_JobKind.KEYFRAMES, number) for number in range(2, length + 1)]
+    optimum = [_Job(_JobKind.OPTIMUM, length)] if is_optimal else []
+    early = keyframes[:2] if length > 2 else []
+    late = keyframes[len(early) :]
+    return [_Job(_JobKind.PATH, length), *early, *optimum, *late]
 
 
 class _Helpers:
     """Threads that compile, one job each at a time."""
 
-    def __init__(self, list_jobs: Callable[[], tuple[list[Job], list[Job]]]) -> None:
-        """Keep in mind what is to be done; no thread is started yet."""
-        self._list_jobs = list_jobs
+    def __init__(
+        self,
+        scene: Scene,
+        k_max: int,
+        network: SequencePredictor[Images, Encoding] | None,
+        operators: Sequence[Operator],
+        termination: Termination,
+    ) -> None:
+        """Keep in mind what the search is; no thread is started yet."""
+        self.scene = scene
+        self.k_max = k_max
+        self.network = network
+        self.operators = operators
+        self.is_optimal = termination == Termination.OPTIMAL
+        self.termination = termination
         self._lock = Lock()
         self._has_started = False
         self._ended = Event()
-        self._soon: list[Job] = []
+        self._searcher = get_ident()
+        self._programs: Programs | None = None
+        self._length: int | None = None
+        """Number of actions of the path that the search is going to solve, or solves."""
+        self._is_guess = True
+        """Whether this number comes from the network."""
+        self._soon: list[_Job] = []
+        """Programs that the search is likely to need."""
         self._later: list[Job] = []
-        self._caller = get_ident()
+        """Programs that other sequences and other scenes need."""
 
     def start(self) -> None:
         """Start the threads unless they run already."""
@@ -163,10 +208,58 @@ class _Helpers:
         """Let the threads end with the programs that they are at."""
         self._ended.set()
 
+    def watch(self, steps: Steps[T]) -> Steps[T]:
+        """Pass the requests of a search on, and learn from them what it will need."""
+        reply: Any = None
+        while True:
+            try:
+                request = steps.send(reply)
+            except StopIteration as stop:
+                result: T = stop.value
+                return result
+            self._learn(request)
+            reply = yield request
+
+    def _learn(self, request: Request) -> None:
+        """Correct the number of actions of the path."""
+        if isinstance(request, ExtendBeams):
+            # Several sequences are judged at a time only after the most promising one has failed.
+            if self._is_guess and len(request.tasks) > 1:
+                self._expect_path(None)
+            return
+
+        if not request.starts:
+            return
+        slices, phases = (len(part) for part in request.starts[0])
+        if slices > phases and isinstance(request.settings, Settings):
+            self._is_guess = False
+            if phases != self._length:
+                self._expect_path(phases)
+
+    def _expect_path(self, length: int | None) -> None:
+        """Replace the programs of the path by those of another length, or by none."""
+        with self._lock:
+            self._length = length
+            self._soon = [job for job in self._soon if job.kind is _JobKind.KEYFRAMES]
+            if length is not None and self.is_optimal:
+                # The search itself is about to compile the program of the feasible path.
+                self._soon.insert(0, _Job(_JobKind.OPTIMUM, length))
+
     def _begin(self) -> None:
         """List the jobs, start the other threads, and work."""
         with jax.enable_x64(True):
-            self._soon, self._later = self._list_jobs()
+            programs = Programs(self.scene, self.k_max, self.operators)
+            later = all_jobs(programs, self.scene, self.network, self.termination)
+            length = None
+            if self.network is not None:
+                length = likely_length(self.scene, self.k_max, self.network, self.operators)
+
+        with self._lock:
+            self._programs = programs
+            self._later = later
+            if length is not None and self._is_guess:
+                self._length = length
+                self._soon = _jobs_of_length(length, self.is_optimal)
 
         for _ in range(HELPERS - 1):
             Thread(target=self._work).start()
@@ -183,11 +276,13 @@ class _Helpers:
         while not self._ended.is_set():
             with self._lock:
                 if self._soon:
-                    return self._soon.pop(0)
+                    assert self._programs is not None
+                    return self._soon.pop(0).bound_to(self._programs)
+                # What a guided search may need later must not take time from what it waits for now.
+                is_free = self.network is None or awaited_program(self._searcher) is None
+                if self._later and is_free:
+                    return self._later.pop(0)
                 if not self._later:
                     return None
-                # What may be needed later must not take time from what the search waits for now.
-                if awaited_program(self._caller) is None:
-                    return self._later.pop(0)
             self._ended.wait(IDLE_WAIT)
         return None
