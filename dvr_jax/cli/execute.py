@@ -91,7 +91,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _execute_once(plan: Plan, variation: ConditionRange, options: ExecuteOptions) -> int:
     """Execute a plan once, report on every object, and write the animation."""
-    execution = _execution_under(plan, variation.conditions(0), options)
+    from dvr_jax.runtime.progress import Progress
+
+    with Progress("simulating"):
+        execution = _execution_under(plan, variation.conditions(0), options)
     report = execution.report
     print(f"{_verdict(report)} after {report.duration:.1f} s of simulated time")
     for item in report.objects:
@@ -104,7 +107,8 @@ def _execute_once(plan: Plan, variation: ConditionRange, options: ExecuteOptions
 
     if options.animation:
         path = options.out or options.plan / "execution.gif"
-        _animate(path, plan, execution)
+        with Progress("drawing the animation"):
+            _animate(path, plan, execution)
         print(f"animation: {path}")
     return EXIT_SUCCEEDED if report.succeeded else EXIT_FAILED
 
@@ -131,6 +135,7 @@ def _repeat(plan: Plan, variation: ConditionRange, options: ExecuteOptions) -> i
     """Execute a plan several times, and count the successes and the causes of failures."""
     from dvr_jax.execution import PhysicsBackend
     from dvr_jax.execution.repetition import execute_repeatedly
+    from dvr_jax.runtime.progress import Progress
 
     assert plan.motion is not None
     succeeded = 0
@@ -145,11 +150,13 @@ def _repeat(plan: Plan, variation: ConditionRange, options: ExecuteOptions) -> i
         PhysicsBackend(options.backend),
         _show_progress,
     )
-    for index, report in enumerate(reports):
-        succeeded += report.succeeded
-        if not report.succeeded:
-            causes[report.failure] += 1
-        print(f"  execution {index}: {_verdict(report)}", file=sys.stderr, flush=True)
+    with Progress("simulating", options.repeat, "executions") as progress:
+        for index, report in enumerate(reports):
+            progress.advance()
+            succeeded += report.succeeded
+            if not report.succeeded:
+                causes[report.failure] += 1
+            print(f"  execution {index}: {_verdict(report)}", file=sys.stderr, flush=True)
 
     print(f"the goal holds after {succeeded} of {options.repeat} executions")
     for cause, count in causes.most_common():

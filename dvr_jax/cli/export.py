@@ -41,6 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     from dvr_jax.planning.export import export_csv, export_ros
     from dvr_jax.planning.result import Plan
+    from dvr_jax.runtime.progress import Progress
 
     plan = Plan.load(options.plan)
     if plan.motion is None:
@@ -48,8 +49,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     folder = options.out or options.plan
     folder.mkdir(parents=True, exist_ok=True)
-    export_csv(folder / CSV, plan.scene, plan.motion, options.rate)
-    export_ros(folder / ROS, plan.scene, plan.motion)
+    with Progress("writing the motion"):
+        export_csv(folder / CSV, plan.scene, plan.motion, options.rate)
+        export_ros(folder / ROS, plan.scene, plan.motion)
     print(f"written: {folder / CSV} and {folder / ROS}")
     return 0
 

@@ -6,9 +6,10 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from threading import get_ident
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
@@ -92,6 +93,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     from dvr_jax.planning.planner import plan
     from dvr_jax.runtime.files import require_folder
+    from dvr_jax.runtime.progress import Progress
     from dvr_jax.scene.files import load_scene
 
     scene = load_scene(options.scene)
@@ -100,22 +102,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # A folder that cannot be written to is refused now, and not when a plan has been found.
         require_folder(options.out)
 
-    result = plan(
-        scene,
-        options.search,
-        options.k_max,
-        options.seed,
-        options.time_limit,
-        progress=_report_progress,
-        network=network,
-        clearance=options.clearance,
-        termination=options.termination,
-    )
+    with Progress("planning", detail=_compilation_of(get_ident())):
+        result = plan(
+            scene,
+            options.search,
+            options.k_max,
+            options.seed,
+            options.time_limit,
+            progress=_report_progress,
+            network=network,
+            clearance=options.clearance,
+            termination=options.termination,
+        )
     keep_programs_of(purpose)
     _print_plan(result, options)
 
     if options.out is not None:
-        result.save(options.out, animation=options.animation)
+        with Progress("drawing the pictures"):
+            result.save(options.out, animation=options.animation)
         print(f"written to {options.out}/")
 
     return EXIT_SOLVED if result.solved else EXIT_NONE_FOUND
@@ -129,6 +133,19 @@ def _purpose(options: PlanOptions) -> str:
         # The file is refused a little later, with a reason.
         objects = 0
     return f"plan-{objects}-bodies-{options.search}-{options.k_max}-{options.termination}"
+
+
+def _compilation_of(thread: int) -> Callable[[], str]:
+    """Return a function that tells whether a thread waits for a program to be compiled."""
+    from dvr_jax.runtime.compilation import awaited_program, compiling_programs
+
+    def describe() -> str:
+        """Return a part of a line about the progress."""
+        if awaited_program(thread) is None or not compiling_programs():
+            return ""
+        return "compiling, which only the first plans on a machine do"
+
+    return describe
 
 
 def _load_network(options: PlanOptions) -> Predictor | None:

@@ -45,6 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     options = parse_options(SampleOptions, "sample", arguments)
 
+    from dvr_jax.runtime.progress import Progress
     from dvr_jax.scene.files import save_scenes
     from dvr_jax.scene.random_scenes import sample_scenes
     from dvr_jax.scene.sampling import SceneDistribution
@@ -54,9 +55,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     distribution = SceneDistribution(
         shape=options.shape, cube_share=options.cubes, fixed_bodies=options.fixed
     )
-    scenes = tuple(
-        sample_scenes(options.number, options.objects, options.seed, distribution, workcell)
-    )
+    scenes = []
+    with Progress("drawing", options.number, "scenes") as progress:
+        for scene in sample_scenes(
+            options.number, options.objects, options.seed, distribution, workcell
+        ):
+            scenes.append(scene)
+            progress.advance()
     save_scenes(options.out, scenes)
 
     print(

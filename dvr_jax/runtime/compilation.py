@@ -128,7 +128,12 @@ class Program(Generic[_P, _R]):
         options = CPU_OPTIONS if jax.default_backend() == "cpu" else {}
         for observer in list(_observers):
             observer()
-        return jax.jit(self._function, compiler_options=options).lower(*args).compile()
+
+        _compiling.append(self._function.__qualname__)
+        try:
+            return jax.jit(self._function, compiler_options=options).lower(*args).compile()
+        finally:
+            _compiling.remove(self._function.__qualname__)
 
     def _load_or_compile(self, key: tuple[Any, ...], args: tuple[Any, ...]) -> Callable[..., _R]:
         """Return the executable from the disk, or compile it and keep it there."""
@@ -206,6 +211,9 @@ def keep_programs_of(purpose: str) -> None:
 _waiting: dict[int, str] = {}
 """Names of the programs that threads wait for, while they are compiled or loaded, by thread."""
 
+_compiling: list[str] = []
+"""Names of the programs that are being compiled."""
+
 _observers: list[Callable[[], None]] = []
 """Functions that are called when a program is about to be compiled."""
 
@@ -232,6 +240,11 @@ def when_compiling(observer: Callable[[], None]) -> Iterator[None]:
         yield
     finally:
         _observers.remove(observer)
+
+
+def compiling_programs() -> list[str]:
+    """Return the names of the programs that are being compiled, by all threads."""
+    return list(_compiling)
 
 
 def awaited_program(thread: int) -> str | None:

@@ -55,6 +55,7 @@ class Progress:
         self.done = done
         self.detail = detail
         self._earlier = done
+        self._is_first = True
         self._begin = time.monotonic()
         self._ended = Event()
         self._thread = Thread(target=self._show, daemon=True)
@@ -78,6 +79,17 @@ class Progress:
     def advance(self, number: int = 1) -> None:
         """Count things that are done."""
         self.done += number
+
+    def reach(self, done: int) -> None:
+        """State how many things are done; the first call tells how many of them an earlier run did.
+
+        Args:
+            done: Number of things that are done, one more than before.
+        """
+        if self._is_first:
+            self._earlier = done - 1
+            self._is_first = False
+        self.done = done
 
     def describe(self) -> str:
         """Return the state of the computation as one line of text."""
