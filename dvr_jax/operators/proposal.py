@@ -146,7 +146,7 @@ def of_switched_object(step: BeamStep) -> BeamStep:
     A program that takes them serves scenes with any number of objects and fixed bodies, so that it is compiled once.
 
     Args:
-        step: The action of each prefix, as NumPy arrays.
+        step: The action of each prefix.
     """
     prefixes = np.arange(len(step.item))
     none = slice(0, 0)
@@ -156,7 +156,7 @@ def of_switched_object(step: BeamStep) -> BeamStep:
         fixed_prism=step.fixed_prism[:, none],
         fixed_pose=step.fixed_pose[:, none],
         clearance=step.clearance[:, none],
-        item=np.zeros_like(step.item),
+        item=0 * step.item,
     )
 
 
