@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import sys
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from threading import Event, Thread
 from types import TracebackType
@@ -18,6 +19,9 @@ PATIENCE = 2.0
 
 LONGEST_SILENCE = 30.0
 """Longest time between two lines where there is no terminal [s]; the first ones come sooner."""
+
+RECENT = 20
+"""Number of things whose times tell how long the others will take."""
 
 REDRAW = 0.2
 """Time between two looks at the state of the computation on a terminal [s]."""
@@ -54,9 +58,9 @@ class Progress:
         self.unit = unit
         self.done = done
         self.detail = detail
-        self._earlier = done
-        self._is_first = True
         self._begin = time.monotonic()
+        self._recent: deque[tuple[float, int]] = deque(maxlen=RECENT)
+        """When which numbers were done, for the first time the start."""
         self._ended = Event()
         self._thread = Thread(target=self._show, daemon=True)
 
@@ -76,19 +80,20 @@ class Progress:
         self._ended.set()
         self._thread.join()
 
-    def advance(self, number: int = 1) -> None:
-        """Count things that are done."""
-        self.done += number
+    def advance(self) -> None:
+        """Count one more thing that is done."""
+        self.reach(self.done + 1)
 
     def reach(self, done: int) -> None:
-        """State how many things are done; the first call tells how many of them an earlier run did.
+        """State how many things are done.
 
         Args:
             done: Number of things that are done, one more than before.
         """
-        if self._is_first:
-            self._earlier = done - 1
-            self._is_first = False
+        if not self._recent:
+            # An earlier run has done the others.
+            self._recent.append((self._begin, done - 1))
+        self._recent.append((time.monotonic(), done))
         self.done = done
 
     def describe(self) -> str:
@@ -98,16 +103,26 @@ class Progress:
 
         if self.total is not None:
             parts = [f"{self.activity}: {self.done} of {self.total} {self.unit}"]
-            new = self.done - self._earlier
-            if new and self.done < self.total:
-                each = seconds / new
+            each = self._seconds_each()
+            if each is None:
+                parts.append(_duration(seconds))
+            elif self.done < self.total:
                 parts.append(f"{_duration(each)} each")
                 parts.append(f"{_duration(each * (self.total - self.done))} to go")
-            elif not new:
-                parts.append(_duration(seconds))
 
         detail = self.detail()
         return ", ".join([*parts, *([detail] if detail else [])])
+
+    def _seconds_each(self) -> float | None:
+        """Return the time that each of the last things took; None if it is not known.
+
+        The first things often take longer, because programs are compiled.
+        """
+        recent = list(self._recent)
+        if len(recent) < 2:
+            return None
+        (begin, first), (end, last) = recent[0], recent[-1]
+        return (end - begin) / (last - first)
 
     def _show(self) -> None:
         """Show the progress until the block ends; another thread runs this."""

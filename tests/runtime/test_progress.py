@@ -25,7 +25,7 @@ with progress.Progress("planning", 4, "scenes") as bar:
 
 def test_what_is_quick_shows_nothing(capsys: pytest.CaptureFixture[str]) -> None:
     with Progress("planning", 3, "scenes") as shown:
-        shown.advance(3)
+        shown.reach(3)
     assert capsys.readouterr() == ("", "")
 
 
@@ -35,9 +35,11 @@ def test_lines_where_there_is_no_terminal(
     monkeypatch.setattr(progress, "PATIENCE", 0.05)
     with Progress("planning", 10, "scenes", done=2, detail=lambda: "compiling") as shown:
         time.sleep(0.2)
-        shown.advance(4)
+        for _ in range(4):
+            shown.advance()
         time.sleep(0.3)
-        shown.advance(4)
+        for _ in range(4):
+            shown.advance()
     lines = capsys.readouterr().err.splitlines()
     assert re.fullmatch(r"  planning: 2 of 10 scenes, 0\.\d s, compiling", lines[0])
     assert any(
