@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from dvr_jax.errors import DvrError, run_command
+from dvr_jax.runtime.progress import Progress
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     benchmark = BENCHMARKS[name]
     module = importlib.import_module(f"dvr_jax.bench.{benchmark.module}")
-    exit_code: int = module.run(given[1:])
+    with Progress(f"benchmark {name}"):
+        exit_code: int = module.run(given[1:])
     return exit_code
 
 

@@ -31,6 +31,7 @@ from dvr_jax.operators.proposal import (
     held_frame,
     of_arm,
     of_item,
+    of_switched_object,
     world_gripper,
 )
 from dvr_jax.runtime.compilation import Program
@@ -138,7 +139,6 @@ def _switch(state: SkeletonState, action: Action) -> ModeSwitch:
     )
 
 
-@Program
 def propose_place(
     step: BeamStep, before: ObjectBefore, u: Float[Array, "numbers candidates proposals"]
 ) -> ProposedPoses:
@@ -149,6 +149,14 @@ def propose_place(
         before: How the gripper holds the object.
         u: Uniform random numbers in [0, 1).
     """
+    return _propose_place(of_switched_object(step), before, u)
+
+
+@Program
+def _propose_place(
+    step: BeamStep, before: ObjectBefore, u: Float[Array, "numbers candidates proposals"]
+) -> ProposedPoses:
+    """Do the work of `propose_place`, for the switched objects alone."""
     support = [step.support[:, None, None, i] for i in range(5)]
     prism = [of_item(step.prism[..., i], step) for i in range(4)]
 

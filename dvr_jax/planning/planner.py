@@ -33,12 +33,12 @@ from dvr_jax.planning.networks import choose_search
 from dvr_jax.planning.path_quality import TERMINATIONS, PathQuality, quality_of
 from dvr_jax.planning.result import Plan
 from dvr_jax.scene.types import Scene
+from dvr_jax.search.compile_ahead import compiling_ahead
 from dvr_jax.search.node import Node
 from dvr_jax.search.predictor import Encoding, Images, SequencePredictor
 from dvr_jax.search.searches import search as run_search
 from dvr_jax.search.session import Outcome
 from dvr_jax.search.tree import SequenceTree
-from dvr_jax.search.warm import warming_up
 from dvr_jax.solver.lane_pool import NlpSolution
 from dvr_jax.solver.state import Termination
 
@@ -121,7 +121,8 @@ def plan(
     # Tolerances of a micrometer need double precision. It is switched on here and not on import, because the import of
     # a package must not change the programs of others.
     mode = Termination[termination.upper()]
-    with jax.enable_x64(True), warming_up(planned, k_max, chosen_network, operators, mode):
+    ahead = compiling_ahead(planned, k_max, chosen_network, operators, mode)
+    with jax.enable_x64(True), ahead as watch:
         outcome = run_search(
             search,
             tree,
@@ -129,6 +130,7 @@ def plan(
             acceptance.progress,
             chosen_network,
             mode,
+            watch,
         )
 
     found = _make_plan(tree, outcome, acceptance, options, total_seconds=time.monotonic() - begin)

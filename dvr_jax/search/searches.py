@@ -127,6 +127,7 @@ def search(
     progress: Progress,
     network: SequencePredictor[Images, Encoding] | None = None,
     termination: Termination = Termination.FEASIBLE,
+    watch: Callable[[Steps[Outcome]], Steps[Outcome]] = lambda steps: steps,
 ) -> Outcome:
     """Run a search until it finds a solution, has refuted all sequences, or the tree's deadline has passed.
 
@@ -137,10 +138,11 @@ def search(
         progress: Function that is called with lines of text about the progress.
         network: Network of the search's kind; None for a search that needs no network.
         termination: Whether paths are optimized further once they are feasible.
+        watch: Function that passes the requests of the search on, and may look at them.
     """
     session = SearchSession(tree, accept, progress, termination)
     try:
-        return run_alone(steps_of(name, session, network))
+        return run_alone(watch(steps_of(name, session, network)))
     except OutOfTime:
         return Outcome(PlanStatus.TIME_LIMIT, seconds=session.seconds)
 
