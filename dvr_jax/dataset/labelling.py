@@ -117,7 +117,7 @@ def label_scene(
         DvrError: the scene has no sequence tree; the message names its index.
     """
     try:
-        tree = SequenceTree(scene, options.k_max, options.seed)
+        tree = SequenceTree(scene, options.k_max, options.seed, is_relaxed=False)
     except DvrError as error:
         raise DvrError(f"scene {index}: {error}") from None
 

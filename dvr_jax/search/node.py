@@ -48,6 +48,9 @@ class Node:
     children: list[Node] | None = None
     """The prefixes one action longer, once the node is expanded."""
 
+    children_limit: int = 0
+    """Largest number of actions of the sequences for which the node was expanded."""
+
     def refute(self, bound: str, violation: float) -> None:
         """Record that a bound refutes this prefix, and therefore all its continuations.
 

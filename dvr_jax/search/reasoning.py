@@ -168,6 +168,8 @@ def _guided(
             outcome = yield from _try(session, [leaf.node for leaf in batch])
             if outcome is not None:
                 return outcome
+            if not (yield from session.judge_scene()):
+                return Outcome(PlanStatus.EXHAUSTED, seconds=session.seconds)
             width = min(GROWTH * width, LARGEST_BATCH)
     return Outcome(PlanStatus.EXHAUSTED, seconds=session.seconds)
 

@@ -68,6 +68,8 @@ def _by_levels(
         judge_prefixes: Returns those of some prefixes that are expanded.
     """
     tree = session.tree
+    if not (yield from session.judge_scene()):
+        return Outcome(PlanStatus.EXHAUSTED, seconds=session.seconds)
     level = [tree.root]
     for depth in range(1, tree.k_max + 1):
         children = [

@@ -67,7 +67,7 @@ class SearchSession:
         self.accept = accept
         self.progress = progress
         self.termination = termination
-        stages = ("image", "network", "pose", "sequence", "path", "optimum")
+        stages = ("image", "network", "relaxation", "pose", "sequence", "path", "optimum")
         self.seconds = dict.fromkeys(stages, 0.0)
 
     @contextmanager
@@ -83,6 +83,11 @@ class SearchSession:
         """Return leaves of one length in the order in which they are judged; a subclass may override this order."""
         return leaves
 
+    def judge_scene(self) -> Steps[bool]:
+        """Compute the relaxation, and return whether it allows a solution of at most `k_max` actions."""
+        with self.timed("relaxation"):
+            return (yield from self.tree.judge_scene())
+
     def judge_sequences(self, nodes: list[Node]) -> Steps[list[Node]]:
         """Compute the sequence bound of nodes and return the nodes that pass."""
         with self.timed("sequence"):
@@ -90,10 +95,13 @@ class SearchSession:
         return [node for node in nodes if node.feasible]
 
     def judge_poses(self, nodes: list[Node]) -> Steps[list[Node]]:
-        """Compute the pose bound of nodes and return the nodes that pass."""
+        """Judge the windows and then the pose bound of nodes, and return the nodes that pass."""
+        with self.timed("relaxation"):
+            verdicts = yield from self.tree.judge_windows(nodes)
+        left = [node for node, verdict in zip(nodes, verdicts, strict=True) if verdict]
         with self.timed("pose"):
-            verdicts = yield from self.tree.judge_poses(nodes)
-        return [node for node, verdict in zip(nodes, verdicts, strict=True) if verdict]
+            verdicts = yield from self.tree.judge_poses(left)
+        return [node for node, verdict in zip(left, verdicts, strict=True) if verdict]
 
     def judge_prefix_chains(self, leaves: list[Node]) -> Steps[list[Node]]:
         """Compute the sequence bound of all prefixes of leaves, the short ones first, and retry the refuted ones once.

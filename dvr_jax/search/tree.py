@@ -26,6 +26,7 @@ from dvr_jax.scene.types import Scene
 from dvr_jax.search.node import Node
 from dvr_jax.search.node_solver import NodeSolver
 from dvr_jax.search.pose_bound import PoseBound
+from dvr_jax.search.relaxation import Relaxation
 from dvr_jax.search.work import Steps
 from dvr_jax.seeds.keyframe_beam import empty_beam
 from dvr_jax.solver.state import Settings
@@ -42,6 +43,7 @@ class SequenceTree:
         settings: Settings | None = None,
         deadline: float = math.inf,
         operators: Sequence[Operator] = OPERATORS,
+        is_relaxed: bool = True,
     ) -> None:
         """Create a tree that consists of its root, the empty sequence.
 
@@ -52,6 +54,8 @@ class SequenceTree:
             settings: Settings of the solver; None for the default ones.
             deadline: Time of `time.monotonic` past which bounds raise `OutOfTime` [s].
             operators: The operators that span the tree.
+            is_relaxed: Whether the relaxation prunes the tree. Without it every prefix has a verdict of its own, which
+                labels for training need.
 
         Raises:
             DvrError: Something collides in the scene's initial state.
@@ -61,6 +65,7 @@ class SequenceTree:
         self.k_max = k_max
         self.seed = seed
         self.operators = operators
+        self.is_relaxed = is_relaxed
         self.solver = NodeSolver(scene, settings or Settings(), deadline, operators)
         self.counts = self.solver.counts
         self.grounding: Grounding = ground_scene(scene, operators)
@@ -70,6 +75,10 @@ class SequenceTree:
         self.root = Node((), self.grounding.initial_state, None, reaches_goal=False, feasible=True)
         self.root.beam = empty_beam(len(scene.objects), k_max, scene.workcell.number_of_joints)
         self._pose_bound = PoseBound(self.solver, self.root, seed)
+        self.relaxation = Relaxation(
+            self.solver, self.root, seed, lambda action: self._refuted[action] is None
+        )
+        """Lower bounds on the number of actions."""
 
     def statically_infeasible_actions(self, node: Node) -> list[Action]:
         """Return the actions that the logic allows after a prefix but a constant of the scene refutes."""
@@ -86,17 +95,21 @@ class SequenceTree:
         return False
 
     def expand(self, node: Node) -> list[Node]:
-        """Return the children of a node that pass the symbolic bound; they are created in the first call."""
-        if node.children is None:
+        """Return the children of a node that pass the symbolic bound and the relaxation, as far as it is known."""
+        if node.children is None or node.children_limit < self.k_max:
             self.solver.look_at_the_clock()
+            known = {child.actions[-1]: child for child in node.children or ()}
             allowed = self.grounding.applicable(node.state)
-            children = [self._child(node, index) for index in allowed]
+            children = [self._child(node, index, known) for index in allowed]
             node.children = [child for child in children if child is not None]
-        return node.children
+            node.children_limit = self.k_max
+        return [child for child in node.children if self._may_be_solved(child)]
 
-    def _child(self, node: Node, index: int) -> Node | None:
-        """Create the child of a node by one action; None if the symbolic bound refutes it or it is a duplicate."""
+    def _child(self, node: Node, index: int, known: dict[Action, Node]) -> Node | None:
+        """Return the child of a node by one action; None if the symbolic bound refutes it or it is a duplicate."""
         action = self.grounding.actions[index]
+        if action in known:
+            return known[action]
         if is_duplicate(self.scene, action, self.operators):
             return None
         after = self.grounding.successor(node.state, index)
@@ -108,6 +121,27 @@ class SequenceTree:
             return None
         self.counts.feasible["symbolic"] += 1
         return Node((*node.actions, action), after, node, self.grounding.is_goal(after))
+
+    def _may_be_solved(self, node: Node) -> bool:
+        """Return whether the windows that are known allow a solution of at most `k_max` actions that begins so."""
+        if not self.is_relaxed:
+            return True
+        if not self.relaxation.check_cached(node):
+            return False
+        left = self.k_max - node.depth
+        return node.reaches_goal or self.relaxation.remaining(node.actions) <= left
+
+    def judge_scene(self) -> Steps[bool]:
+        """Compute the relaxation of the scene, and return whether it allows a solution of at most `k_max` actions."""
+        if not self.is_relaxed:
+            return True
+        return (yield from self.relaxation.compute(self.k_max)) <= self.k_max
+
+    def judge_windows(self, nodes: list[Node]) -> Steps[list[bool]]:
+        """Judge the last two actions on one object of nodes, and return for each of them whether it passes."""
+        if not self.is_relaxed:
+            return [True] * len(nodes)
+        return (yield from self.relaxation.judge_windows(nodes))
 
     def judge_sequences(self, nodes: list[Node]) -> Steps[None]:
         """Compute the sequence bound of nodes whose parents have passed it."""
