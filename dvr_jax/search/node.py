@@ -45,6 +45,9 @@ class Node:
     solved: bool | None = None
     """Whether there is an accepted path; None if no path has been tried."""
 
+    is_retried: bool = False
+    """Whether the sequence bound was computed once more after it had refuted the prefix."""
+
     children: list[Node] | None = None
     """The prefixes one action longer, once the node is expanded."""
 

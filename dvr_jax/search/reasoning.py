@@ -21,6 +21,7 @@ from itertools import count
 import numpy as np
 from jaxtyping import Float
 
+from dvr_jax.search.front import PrefixFront
 from dvr_jax.search.node import Node
 from dvr_jax.search.predictor import Encoding, Images, SequencePredictor
 from dvr_jax.search.session import Outcome, SearchSession
@@ -150,6 +151,7 @@ def _guided(
         encoding = network.encode_scene(tree.scene, tree.grounding, images)
     to_expand.push(_Candidate(tree.root, 1.0, encoding.initial_hidden()[0]))
 
+    front: PrefixFront | None = None
     leaves = _ByProbability()
     threshold = THRESHOLD
     width = 1
@@ -171,6 +173,10 @@ def _guided(
             if not (yield from session.judge_scene()):
                 return Outcome(PlanStatus.EXHAUSTED, seconds=session.seconds)
             width = min(GROWTH * width, LARGEST_BATCH)
+            front = front or PrefixFront(session)
+            outcome = yield from session.try_leaves((yield from front.advance(width)))
+            if outcome is not None:
+                return outcome
     return Outcome(PlanStatus.EXHAUSTED, seconds=session.seconds)
 
 
@@ -210,7 +216,7 @@ def _try(session: SearchSession, leaves: list[Node]) -> Steps[Outcome | None]:
     if len(leaves) > 1:
         passed = yield from session.judge_leaves(leaves)
     else:
-        passed = yield from session.judge_prefix_chains(leaves)
+        passed = yield from session.judge_prefix_chains(leaves, relax_first=True)
     for leaf in passed:
         outcome = yield from session.try_leaves([leaf])
         if outcome is not None:

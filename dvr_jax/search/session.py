@@ -103,8 +103,21 @@ class SearchSession:
             verdicts = yield from self.tree.judge_poses(left)
         return [node for node, verdict in zip(left, verdicts, strict=True) if verdict]
 
-    def judge_prefix_chains(self, leaves: list[Node]) -> Steps[list[Node]]:
+    def judge_children(self, nodes: list[Node]) -> Steps[list[Node]]:
+        """Judge the windows and then the sequence bound of nodes whose parents have passed it; return those that pass."""
+        with self.timed("relaxation"):
+            verdicts = yield from self.tree.judge_windows(nodes)
+        left = [node for node, verdict in zip(nodes, verdicts, strict=True) if verdict]
+        return (yield from self.judge_sequences(left))
+
+    def judge_prefix_chains(
+        self, leaves: list[Node], relax_first: bool = False
+    ) -> Steps[list[Node]]:
         """Compute the sequence bound of all prefixes of leaves, the short ones first, and retry the refuted ones once.
+
+        Args:
+            leaves: The leaves.
+            relax_first: Whether nothing is retried if the relaxation shows that the scene has no solution.
 
         Returns:
             The leaves that pass.
@@ -116,10 +129,12 @@ class SearchSession:
                 assert node.parent is not None
                 if node.feasible is None and node.parent.feasible is False:
                     node.feasible = False
-            unjudged = [node for node in prefixes if node.feasible is None]
-            yield from self.judge_sequences(unjudged)
+            yield from self.judge_sequences([node for node in prefixes if node.feasible is None])
+            refuted = [node for node in prefixes if _deserves_second_look(node)]
+            if relax_first and refuted and not (yield from self.judge_scene()):
+                return []
             with self.timed("sequence"):
-                yield from self.tree.retry_refuted(unjudged)
+                yield from self.tree.retry_refuted(refuted)
         return [leaf for leaf in leaves if leaf.feasible]
 
     def judge_leaves(self, leaves: list[Node]) -> Steps[list[Node]]:
@@ -137,7 +152,8 @@ class SearchSession:
 
     def try_leaves(self, leaves: list[Node]) -> Steps[Outcome | None]:
         """Try the paths of feasible leaves until one is accepted, those with the least penetrating keyframes first."""
-        for node in sorted(leaves, key=_least_violation):
+        untried = [leaf for leaf in leaves if leaf.solved is None]
+        for node in sorted(untried, key=_least_violation):
             self.tree.counts.verdicts["path"] += 1
             outcome = yield from self.try_path(node)
             if outcome is not None:
@@ -202,6 +218,11 @@ class SearchSession:
         if not solution.feasible:
             verdict = f"violation {solution.relative_violation:.1f} times the tolerance"
         self.progress(f"path of {actions}: {verdict}")
+
+
+def _deserves_second_look(node: Node) -> bool:
+    """Return whether the sequence bound has refuted a node once, and not twice."""
+    return node.feasible is False and node.refuted_by == "sequence" and not node.is_retried
 
 
 def _least_violation(leaf: Node) -> float:

@@ -163,6 +163,7 @@ class SequenceTree:
         unproved = yield from self.solver.sample(refuted, [()] * len(refuted), self.seed + 1)
         yield from self.solver.solve_from_all(unproved, "sequence")
         for node in refuted:
+            node.is_retried = True
             if node.feasible:
                 node.refuted_by = ""
                 node.violation = math.nan
