@@ -27,7 +27,9 @@ from dvr_jax.operators import OPERATORS, Operator
 from dvr_jax.planning.arguments import describe_value, parse_actions, require_integer, require_scene
 from dvr_jax.planning.path_motion import interpolate
 from dvr_jax.scene.types import Scene
+from dvr_jax.search.explanation import explain_node
 from dvr_jax.search.node import Node
+from dvr_jax.search.reasons import Reason
 from dvr_jax.search.session import SearchSession
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import Steps, run_alone
@@ -53,13 +55,16 @@ class Verdict:
     """
     violation: float
     """Largest violation of a constraint as a multiple of its tolerance; NaN where no NLP was solved."""
+    reason: Reason | None = None
+    """What is impossible, at which action, and by how much; None if the sequence is feasible."""
     motion: Motion | None = field(default=None, compare=False, repr=False)
     """Motion that the check accepted; None unless the sequence is feasible."""
 
     def __str__(self) -> str:
         """Return the actions and the verdict in one line."""
         verdict = "feasible" if self.feasible else f"infeasible by the {self.bound} bound"
-        return f"{' '.join(map(str, self.actions))}: {verdict}"
+        why = "" if self.reason is None else f" ({self.reason.sentence.rstrip('.')})"
+        return f"{' '.join(map(str, self.actions))}: {verdict}{why}"
 
 
 def feasibility(
@@ -140,7 +145,7 @@ def judge(
     for leaf in passed:
         yield from session.try_path(leaf)
 
-    return [_verdict(leaves[actions], motions) for actions in parsed]
+    return [_verdict(tree, leaves[actions], motions) for actions in parsed]
 
 
 def _parse_sequences(sequences: object) -> list[tuple[Action, ...]]:
@@ -184,16 +189,17 @@ def _grow(
     return {actions: nodes[actions] for actions in sequences}
 
 
-def _verdict(leaf: Node, motions: Mapping[Node, Motion]) -> Verdict:
+def _verdict(tree: SequenceTree, leaf: Node, motions: Mapping[Node, Motion]) -> Verdict:
     """Return the verdict on a sequence; a prefix that is refuted refutes it too."""
     refuted: Node | None = leaf
     while refuted is not None and not refuted.refuted_by:
         refuted = refuted.parent
 
     if refuted is not None:
-        return Verdict(leaf.actions, False, refuted.refuted_by, refuted.violation)
+        reason = explain_node(tree, refuted)
+        return Verdict(leaf.actions, False, refuted.refuted_by, refuted.violation, reason)
 
-    return Verdict(leaf.actions, bool(leaf.solved), "", leaf.violation, motions.get(leaf))
+    return Verdict(leaf.actions, bool(leaf.solved), "", leaf.violation, motion=motions.get(leaf))
 
 
 def passes_check(scene: Scene, node: Node, path: NlpSolution) -> bool:

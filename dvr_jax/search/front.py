@@ -1,4 +1,4 @@
-"""Best-first search of prefixes by the relaxation's bound on the number of actions, with the sequence bound at each step.
+"""Best-first search of prefixes by the relaxation's bound on the number of actions.
 
 This is A* with the number of actions as the cost. Of the prefixes that may lead to a solution of the least number of
 actions, the longest one is expanded first, and all its children are judged in one batch. A prefix is expanded only if

@@ -1,8 +1,8 @@
 """All sequences of actions on one object alone, as a graph whose edges are windows (`dvr_jax.search.windows`).
 
 A vertex is a symbolic state of the object together with its last two actions, and an edge is one more action. The graph
-has at most a few hundred edges. A walk from the root of the graph is a chain of actions on the object, and what is known
-of windows removes edges, so that the length of a shortest walk is a lower bound on the number of actions.
+has at most a few hundred edges. A walk from the root of the graph is a chain of actions on the object. Refuted windows
+close edges, so that the length of a shortest walk is a lower bound on the number of actions.
 """
 
 from __future__ import annotations
@@ -77,12 +77,12 @@ class ObjectGraph:
         self.edges_from: dict[Vertex, list[Edge]] = {}
         """Edges by the vertex before them, in order of their distance from the root."""
 
-        frontier = [self.root]
+        frontier: list[Vertex] = [self.root]
         while frontier:
             vertex = frontier.pop(0)
             if vertex in self.edges_from:
                 continue
-            state, window = vertex
+            state, _ = vertex
             self.edges_from[vertex] = []
             if grounding.is_goal(state):
                 self.goals.add(vertex)

@@ -86,7 +86,7 @@ def missing_reach(
     switch = switches[-1]
     item = scene.objects[switch.item]
     if switch.mode.kind == ModeKind.PLACED and switch.support is not None:
-        target = _nearest_point(switch.support, base_positions(scene.workcell)[switch.acting_arm])
+        target = nearest_point(switch.support, base_positions(scene.workcell)[switch.acting_arm])
     elif window[0] is None and len(actions) == 1:
         target = np.asarray(item.position)
     else:
@@ -114,9 +114,7 @@ def _shoulder(scene: Scene, arm: int) -> Float[np.ndarray, " 3"]:
     return np.asarray(base + rotation @ scene.workcell.robot.link_offsets[0])
 
 
-def _nearest_point(
-    rectangle: Rectangle, point: Float[np.ndarray, " 3"]
-) -> Float[np.ndarray, " 2"]:
+def nearest_point(rectangle: Rectangle, point: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " 2"]:
     """Return the point of a rectangle that is nearest to a given one [m]."""
     axes = rectangle.axes()
     local = axes @ (point[:2] - np.asarray(rectangle.center))

@@ -143,6 +143,8 @@ def _guided(
 ) -> Steps[Outcome]:
     """Search with a network's predictions; `to_expand` determines the order in which nodes are expanded."""
     tree = session.tree
+    if tree.is_refuted_at_once() and not (yield from session.judge_scene()):
+        return Outcome(PlanStatus.EXHAUSTED, seconds=session.seconds)
 
     # The images of the initial scene are rendered and encoded once.
     with session.timed("image"):

@@ -5,14 +5,15 @@ windows of two or three actions that are judged with all other movable objects l
 lies on a shortest way to the goal, and its verdict is shared by all sequences that contain it.
 
 The bound on the number of actions has two parts. The goal's object needs at least d actions, the length of a shortest
-walk in its graph. An object o *blocks* if the walk is longer, or there is none, while o stands where the scene has it. In
-each solution every object either stays, and then the walk has the length that it has with this object standing, or it is
-moved, and then two more actions are needed: it is grasped, and it leaves the gripper again. One action suffices for as
-many objects as there are arms that do not carry out the last action, because these may hold an object at the end.
+walk in its graph. Another object *blocks* if the walk is longer, or if there is none, while it stands where the scene
+has it. In each solution an object either stays, and then the walk is as long as it is with this object standing, or it
+is moved, and then two more actions are needed: it is grasped, and it leaves the gripper again. One action suffices for
+as many objects as there are arms that do not carry out the last action, because these may hold an object at the end.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 
 from dvr_jax.logic import Action
@@ -51,6 +52,9 @@ class Relaxation:
         self.blocking: dict[str, int] = {}
         """Least number of actions on the goal's object while an object stands where the scene has it, by its name."""
 
+        self.alone = 0
+        """Least number of actions on the goal's object if it is alone in the world."""
+
         self.lower_bound = 0
         """Least number of actions of a solution, as far as it is known; `UNREACHED` if there is none."""
 
@@ -59,7 +63,9 @@ class Relaxation:
         self._graphs: dict[str, ObjectGraph] = {}
         self._limit = -1
         self._remaining: dict[str | None, dict[Vertex, int]] = {}
-        self._required: frozenset[str] = frozenset()
+        self.required: frozenset[str] = frozenset()
+        """Names of the objects that have to be moved."""
+
         self._vertices: dict[tuple[Action, ...], Vertex | None] = {}
 
     @property
@@ -93,6 +99,7 @@ class Relaxation:
         self._limit = limit
         name = self.goal_object
         alone = yield from self._shortest(name, (self.others(name),), limit)
+        self.alone = alone
         self.lower_bound = alone
         if alone > limit:
             return alone
@@ -100,17 +107,18 @@ class Relaxation:
         for other in sorted(self.others(name)):
             worlds = (self.others(name), self.others(name, other))
             self.blocking[other] = yield from self._shortest(name, worlds, limit)
-        yield from self._judge_first_grasps([o for o, least in self.blocking.items() if least > alone])
+        yield from self._judge_first_grasps(
+            [o for o, least in self.blocking.items() if least > alone]
+        )
 
         # Objects that stay let the walk have at least the largest of their lengths; all others are moved.
         thresholds = sorted({alone, *self.blocking.values()})
         self.lower_bound = min(
-            max(alone, threshold) + self._moving_cost(
-                [o for o, least in self.blocking.items() if least > threshold]
-            )
+            max(alone, threshold)
+            + self._moving_cost([o for o, least in self.blocking.items() if least > threshold])
             for threshold in thresholds
         )
-        self._required = frozenset(o for o, least in self.blocking.items() if least > limit)
+        self.required = frozenset(o for o, least in self.blocking.items() if least > limit)
         self._remaining.clear()
         return self.lower_bound
 
@@ -141,8 +149,10 @@ class Relaxation:
         window = self.refuting_window(node.actions)
         if window is None:
             return True
-        judged = self.windows.node(window, self.others(object_of(node.actions[-1], self._operators)))
-        node.refute("pose", judged.violation if judged is not None else float("nan"))
+        judged = self.windows.node(
+            window, self.others(object_of(node.actions[-1], self._operators))
+        )
+        node.refute("pose", math.nan if judged is None else judged.violation, judged)
         return False
 
     def refuting_window(self, actions: Sequence[Action]) -> Window | None:
@@ -173,7 +183,7 @@ class Relaxation:
         if vertex is None:
             return UNREACHED
         moved = set(objects)
-        blocking = [other for other in sorted(self._required) if other not in moved]
+        blocking = [other for other in sorted(self.required) if other not in moved]
         if not blocking:
             return self._distances(None).get(vertex, UNREACHED)
         return min(
@@ -181,10 +191,29 @@ class Relaxation:
             for arm in self.solver.scene.workcell.arm_names
         )
 
+    def is_open(self, name: str) -> Callable[[Edge], bool]:
+        """Return a function that says whether no window of an edge is refuted in a world without other objects."""
+        return self._open_edges(name, (self.others(name),))
+
+    def is_hopeless(self) -> bool:
+        """Return whether no number of actions suffices, as far as windows are known."""
+        return bool(self.immovable()) or self.least_without_limit() >= UNREACHED
+
+    def immovable(self) -> list[str]:
+        """Return the names of the objects that have to be moved and that no arm can grasp."""
+        return [name for name in self.required if self._moving_cost([name]) >= UNREACHED]
+
+    def least_without_limit(self) -> int:
+        """Return the lower bound for any limit, from the verdicts that are known."""
+        graph = self.graph(self.goal_object)
+        distance = graph.distances_to_goal(self.is_open(self.goal_object))
+        alone = distance.get(graph.root, UNREACHED)
+        return min(max(alone, self.remaining(())), UNREACHED)
+
     def _distances(self, arm: str | None) -> dict[Vertex, int]:
         """Return the distances to the goal in the graph of the goal's object, for a given last arm."""
         if arm not in self._remaining:
-            is_open = self._open_edges(self.goal_object, (self.others(self.goal_object),))
+            is_open = self.is_open(self.goal_object)
             self._remaining[arm] = self.graph(self.goal_object).distances_to_goal(is_open, arm)
         return self._remaining[arm]
 
@@ -247,7 +276,11 @@ class Relaxation:
                         if not closer or not is_open(edge):
                             continue
                         first = next(
-                            (w for w in edge.windows[:part] if self.windows.verdict(w, world) is None),
+                            (
+                                w
+                                for w in edge.windows[:part]
+                                if self.windows.verdict(w, world) is None
+                            ),
                             None,
                         )
                         if first is None:
@@ -278,7 +311,7 @@ class Relaxation:
         can_be_held = 0
         for name in names:
             graph = self.graph(name)
-            is_open = self._open_edges(name, (self.others(name),))
+            is_open = self.is_open(name)
             first = [edge.action for edge in graph.edges_from[graph.root] if is_open(edge)]
             if not first:
                 return UNREACHED

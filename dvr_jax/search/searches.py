@@ -24,6 +24,7 @@ from dvr_jax.search.session import Accept, Outcome, Progress, SearchSession
 from dvr_jax.search.status import PlanStatus
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import Steps, run_alone
+from dvr_jax.seeds.keyframe_beam import BEAM_CAPACITY
 from dvr_jax.solver.state import Termination
 
 LEAVES = 64
@@ -31,6 +32,9 @@ LEAVES = 64
 
 EAGER_LENGTH = 3
 """Length up to which multi-bound search computes the pose bound of all prefixes."""
+
+SPARE_ACTIONS = 4
+"""By default, a search goes up to the lower bound on the number of actions plus this number."""
 
 Judge = Callable[[list[Node]], Steps[list[Node]]]
 """Function that computes a bound of nodes and returns the nodes that pass."""
@@ -129,6 +133,9 @@ def search(
     progress: Progress,
     network: SequencePredictor[Images, Encoding] | None = None,
     termination: Termination = Termination.FEASIBLE,
+    *,
+    is_limit_open: bool = False,
+    shortest: bool = False,
 ) -> Outcome:
     """Run a search until it finds a solution, has refuted all sequences, or the tree's deadline has passed.
 
@@ -139,12 +146,43 @@ def search(
         progress: Function that is called with lines of text about the progress.
         network: Network of the search's kind; None for a search that needs no network.
         termination: Whether paths are optimized further once they are feasible.
+        is_limit_open: Whether the tree's `k_max` is raised if no sequence of so many actions solves the scene: to the
+            lower bound on the number of actions plus `SPARE_ACTIONS`.
+        shortest: Whether the solution has the least number of actions.
     """
     session = SearchSession(tree, accept, progress, termination)
+    found = Outcome(PlanStatus.TIME_LIMIT, seconds=session.seconds)
     try:
-        return run_alone(steps_of(name, session, network))
+        found = run_alone(steps_of(name, session, network))
+        if is_limit_open and found.status == PlanStatus.EXHAUSTED:
+            if run_alone(_raise_limit(session)):
+                found = run_alone(steps_of(name, session, network))
+        if shortest and found.node is not None:
+            tree.k_max = found.node.depth - 1
+            shorter = run_alone(multi_bound(session))
+            found = shorter if shorter.node is not None else found
     except OutOfTime:
-        return Outcome(PlanStatus.TIME_LIMIT, seconds=session.seconds)
+        found.is_complete = False
+    return found
+
+
+def _raise_limit(session: SearchSession) -> Steps[bool]:
+    """Raise the largest number of actions by the lower bound of the relaxation.
+
+    Returns:
+        Whether it was raised. It is not if the bound shows that there is no solution of any length.
+    """
+    tree = session.tree
+    if tree.relaxation.is_hopeless():
+        return False
+    with session.timed("relaxation"):
+        least = yield from tree.relaxation.compute(BEAM_CAPACITY)
+    wanted = min(least + SPARE_ACTIONS, BEAM_CAPACITY)
+    if least > BEAM_CAPACITY or wanted <= tree.k_max:
+        return False
+    tree.k_max = wanted
+    session.progress(f"at least {least} actions are needed; sequences of up to {wanted} follow")
+    return True
 
 
 def steps_of(

@@ -44,6 +44,9 @@ class Outcome:
     seconds: dict[str, float] = field(default_factory=dict)
     """Time spent on each bound [s]."""
 
+    is_complete: bool = True
+    """False if the time was over before it was known whether a shorter solution exists, where this was asked."""
+
 
 class SearchSession:
     """One search over a tree: it computes bounds and tries paths, and measures the time of each stage."""
@@ -104,7 +107,7 @@ class SearchSession:
         return [node for node, verdict in zip(left, verdicts, strict=True) if verdict]
 
     def judge_children(self, nodes: list[Node]) -> Steps[list[Node]]:
-        """Judge the windows and then the sequence bound of nodes whose parents have passed it; return those that pass."""
+        """Judge the windows and then the sequence bound of children of feasible nodes; return those that pass."""
         with self.timed("relaxation"):
             verdicts = yield from self.tree.judge_windows(nodes)
         left = [node for node, verdict in zip(nodes, verdicts, strict=True) if verdict]
@@ -151,14 +154,41 @@ class SearchSession:
         return (yield from self.judge_prefix_chains(leaves))
 
     def try_leaves(self, leaves: list[Node]) -> Steps[Outcome | None]:
-        """Try the paths of feasible leaves until one is accepted, those with the least penetrating keyframes first."""
-        untried = [leaf for leaf in leaves if leaf.solved is None]
-        for node in sorted(untried, key=_least_violation):
-            self.tree.counts.verdicts["path"] += 1
-            outcome = yield from self.try_path(node)
-            if outcome is not None:
-                return outcome
+        """Try the paths of feasible leaves until one is accepted, those with the least penetrating keyframes first.
+
+        The sequences that leave out some of a leaf's actions are tried before it.
+        """
+        for node in sorted(leaves, key=_least_violation):
+            if node.solved is not None:
+                continue
+            shorter = yield from self.judge_shorter(node)
+            for leaf in [*shorter, node]:
+                self.tree.counts.verdicts["path"] += 1
+                outcome = yield from self.try_path(leaf)
+                if outcome is not None:
+                    return outcome
         return None
+
+    def judge_shorter(self, leaf: Node) -> Steps[list[Node]]:
+        """Judge the sequences that leave out some actions of a leaf and still reach the goal, in one batch.
+
+        Returns:
+            Those that pass and whose paths have not been tried, the shortest first.
+        """
+        shorter = [node for node in self._shorter(leaf) if node.solved is None]
+        passed = yield from self.judge_leaves(shorter)
+        return sorted(passed, key=lambda node: node.depth)
+
+    def _shorter(self, leaf: Node) -> list[Node]:
+        """Return the sequences that leave out some actions of a leaf and reach the goal, as far as bounds allow them."""
+        found: dict[Node, None] = {}
+        prefixes: dict[Node, None] = {self.tree.root: None}
+        for action in leaf.actions:
+            for prefix in list(prefixes):
+                for child in self.tree.expand(prefix):
+                    if child.actions[-1] == action and child.feasible is not False:
+                        (found if child.reaches_goal else prefixes)[child] = None
+        return [node for node in found if node.depth < leaf.depth]
 
     def try_path(self, node: Node) -> Steps[Outcome | None]:
         """Solve the path NLP from several keyframe solutions of a leaf, one after the other, until a path is accepted.
@@ -168,6 +198,7 @@ class SearchSession:
         """
         node.solved = False
         node.refuted_by = "path"
+        node.evidence = None
         node.violation = math.nan
         starts = self.tree.solver.path_keyframes(node)
         outcome = yield from self._try_path_from(node, starts)

@@ -28,7 +28,7 @@ from dvr_jax.search.node_solver import NodeSolver
 from dvr_jax.search.pose_bound import PoseBound
 from dvr_jax.search.relaxation import Relaxation
 from dvr_jax.search.work import Steps
-from dvr_jax.seeds.keyframe_beam import empty_beam
+from dvr_jax.seeds.keyframe_beam import beam_capacity, empty_beam
 from dvr_jax.solver.state import Settings
 
 
@@ -73,7 +73,9 @@ class SequenceTree:
             action: refute(scene, action, operators) for action in self.grounding.actions
         }
         self.root = Node((), self.grounding.initial_state, None, reaches_goal=False, feasible=True)
-        self.root.beam = empty_beam(len(scene.objects), k_max, scene.workcell.number_of_joints)
+        self.root.beam = empty_beam(
+            len(scene.objects), beam_capacity(k_max), scene.workcell.number_of_joints
+        )
         self._pose_bound = PoseBound(self.solver, self.root, seed)
         self.relaxation = Relaxation(
             self.solver, self.root, seed, lambda action: self._refuted[action] is None
@@ -129,7 +131,13 @@ class SequenceTree:
         if not self.relaxation.check_cached(node):
             return False
         left = self.k_max - node.depth
+        if not self.grounding.can_reach_goal(node.state, left):
+            return False
         return node.reaches_goal or self.relaxation.remaining(node.actions) <= left
+
+    def is_refuted_at_once(self) -> bool:
+        """Return whether what is known without any numerical work excludes a solution of at most `k_max` actions."""
+        return self.is_relaxed and self.relaxation.least_without_limit() > self.k_max
 
     def judge_scene(self) -> Steps[bool]:
         """Compute the relaxation of the scene, and return whether it allows a solution of at most `k_max` actions."""

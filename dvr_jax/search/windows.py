@@ -95,9 +95,7 @@ class WindowBound:
             ignored: Names of the objects that are left out.
         """
         unknown = [
-            window
-            for window in dict.fromkeys(windows)
-            if self.verdict(window, ignored) is None
+            window for window in dict.fromkeys(windows) if self.verdict(window, ignored) is None
         ]
         for seed in range(self._seed, self._seed + WINDOW_SAMPLES):
             remaining = [w for w in unknown if self.verdict(w, ignored) is not True]
@@ -106,15 +104,15 @@ class WindowBound:
         counts.verdicts["window"] += len(unknown)
         counts.feasible["window"] += sum(bool(self.verdict(w, ignored)) for w in unknown)
 
-    def _sample(
-        self, windows: list[Window], ignored: Ignored, seed: int
-    ) -> Steps[None]:
+    def _sample(self, windows: list[Window], ignored: Ignored, seed: int) -> Steps[None]:
         """Judge windows by one sample each."""
         left_out = tuple(sorted(ignored))
         nodes = [self._fresh_node(window, left_out, seed) for window in windows]
 
         # The beams of the windows without their last actions are sampled first, all those of one length together.
-        parents = [node.parent for node in nodes if node.parent is not None and node.parent.beam is None]
+        parents = [
+            node.parent for node in nodes if node.parent is not None and node.parent.beam is None
+        ]
         assert all(parent.problem is not None or parent.depth == 1 for parent in parents)
         yield from self._solver.sample(parents, [left_out] * len(parents), seed)
         unproved = yield from self._solver.sample(nodes, [left_out] * len(nodes), seed)
@@ -145,7 +143,7 @@ class WindowBound:
         return node
 
     def _is_judged(self, window: Window) -> bool:
-        """Return whether a window is judged at all: where an object may stand anywhere, almost everything is possible."""
+        """Return whether a window is judged at all. If the object may stand anywhere, almost everything is possible."""
         first = window[0]
         if first is None:
             return True
