@@ -63,7 +63,8 @@ def explain_node(tree: SequenceTree, node: Node) -> Reason | None:
         return _window_reason(tree, last_windows(refuted.actions, tree.operators))
     reason = evidence_reason(tree.scene, judged.actions, *judged.evidence, tree.operators)
     if refuted.refuted_by in ("path", "check"):
-        return replace(reason, sentence=f"No motion was found. {reason.sentence}")
+        sentence = f"Keyframes exist, but no motion. {reason.sentence}"
+        return replace(reason, kind=ReasonKind.MOTION, sentence=sentence)
     return reason
 
 

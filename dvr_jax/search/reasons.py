@@ -116,7 +116,10 @@ def static_reason(scene: Scene, action: Action, operators: Sequence[Operator]) -
         width = item.kind.grip_width(item.size, face)
         opening = scene.workcell.robot.maximum_opening
         if width > opening:
-            sentence = f"'{item.name}' is {centimeters(width)} cm wide at its {face} face; the gripper opens {centimeters(opening)} cm."
+            sentence = (
+                f"'{item.name}' is {centimeters(width)} cm wide at its {face} face; "
+                f"the gripper opens {centimeters(opening)} cm."
+            )
             return Reason(ReasonKind.WIDTH, str(action), (item.name,), width - opening, sentence)
     return Reason(
         ReasonKind.SIZE, str(action), (item.name,), math.nan, text[0].upper() + text[1:] + "."
@@ -151,8 +154,15 @@ def reach_reason(
         name = item.name
         what = f"'{name}'"
     far = base_distance(scene, switch.acting_arm, (float(place[0]), float(place[1])))
-    sentence = f"The {arm.name} arm does not reach {what}: it is {far:.2f} m from the base, at least {centimeters(missing)} cm too far."
+    sentence = (
+        f"The {arm.name} arm does not reach {what}: it is {far:.2f} m from the base, "
+        f"at least {centimeters(missing)} cm too far."
+    )
     return Reason(ReasonKind.REACH, str(action), (f"{arm.name} arm", name), missing, sentence)
+
+
+NAMED_PART = 0.2
+"""Bodies are named if their penetration is at least this part of the distance by which a pose is missed."""
 
 
 def evidence_reason(
@@ -162,55 +172,74 @@ def evidence_reason(
     solution: NlpSolution,
     operators: Sequence[Operator],
 ) -> Reason:
-    """Return the reason that the best point of an infeasible keyframe NLP shows.
+    """Return the reason that the best point of an infeasible NLP shows.
 
     Args:
         scene: A valid scene.
         actions: The actions of the NLP; a window's first one is over before the first slice.
-        problem: The keyframe NLP.
+        problem: The NLP.
         solution: The best point that was found.
         operators: The operators that are known.
     """
-    ratio = {name: solution.violations[name] / TOLERANCES[name] for name in solution.violations}
+    violations = solution.violations
+    ratio = {name: value / TOLERANCES[name] for name, value in violations.items()}
     worst = max(ratio, key=lambda name: ratio[name])
-    amount = solution.violations[worst]
-    last = actions[-1]
-    item = object_of(last, operators)
-    doing = describe(last, operators)
-    arm = operator_of(last, operators).argument(last, Parameter.ARM)
 
     # A pose that is missed and bodies that penetrate often share one cause: the optimizer spreads a violation.
     # Bodies are named wherever they penetrate by a part of the violation that is not small.
-    depth = solution.violations.get("penetration", 0.0)
-    if depth > TOLERANCES["penetration"] and depth > NAMED_PART * solution.violations.get(
-        "position", 0.0
-    ):
-        slice_index, bodies, depth = deepest_contact(scene, problem, solution)
-        slice_index = slice_index * len(actions) // len(solution.q)
-        when = describe(actions[slice_index], operators)
-        sentence = (
-            f"When {when}, {bodies[0]} and {bodies[1]} are {centimeters(depth)} cm too close."
-        )
-        return Reason(ReasonKind.COLLISION, str(actions[slice_index]), bodies, depth, sentence)
+    depth = violations.get("penetration", 0.0)
+    is_penetrating = depth > TOLERANCES["penetration"]
+    if is_penetrating and depth > NAMED_PART * violations.get("position", 0.0):
+        return _collision_reason(scene, actions, problem, solution, operators)
+
+    last = actions[-1]
+    amount = violations[worst]
+    doing = describe(last, operators)
+    item = object_of(last, operators)
+    arm = operator_of(last, operators).argument(last, Parameter.ARM)
+    bodies = (f"{arm} arm", item)
     if worst == "footprint":
         sentence = f"When {doing}, it extends {centimeters(amount)} cm beyond its region."
-        return Reason(ReasonKind.FOOTPRINT, str(last), (item, last.arguments[-1]), amount, sentence)
+        bodies = (item, last.arguments[-1])
+        return Reason(ReasonKind.FOOTPRINT, str(last), bodies, amount, sentence)
     if worst == "joint_limit":
-        index, excess = _worst_joint(scene, solution)
-        name = f"joint {index % scene.workcell.robot.number_of_joints + 1} of the {scene.workcell.arm_names[index // scene.workcell.robot.number_of_joints]} arm"
-        sentence = (
-            f"When {doing}, {name} turns {math.degrees(excess):.1f} degrees beyond its limit."
-        )
-        return Reason(ReasonKind.JOINT, str(last), (name,), excess, sentence)
+        return _joint_reason(scene, last, solution, operators)
     if worst == "rotation":
-        sentence = f"When {doing}, the {arm} arm misses the orientation by {math.degrees(amount):.1f} degrees."
-        return Reason(ReasonKind.ORIENTATION, str(last), (f"{arm} arm", item), amount, sentence)
+        angle = math.degrees(amount)
+        sentence = f"When {doing}, the {arm} arm misses the orientation by {angle:.1f} degrees."
+        return Reason(ReasonKind.ORIENTATION, str(last), bodies, amount, sentence)
     sentence = f"When {doing}, the {arm} arm falls {centimeters(amount)} cm short."
-    return Reason(ReasonKind.REACH, str(last), (f"{arm} arm", item), amount, sentence)
+    return Reason(ReasonKind.REACH, str(last), bodies, amount, sentence)
 
 
-NAMED_PART = 0.2
-"""Bodies are named if their penetration is at least this part of the distance by which a pose is missed."""
+def _collision_reason(
+    scene: Scene,
+    actions: Sequence[Action],
+    problem: Problem,
+    solution: NlpSolution,
+    operators: Sequence[Operator],
+) -> Reason:
+    """Return the reason that two bodies penetrate at a slice."""
+    slice_index, bodies, depth = deepest_contact(scene, problem, solution)
+    action = actions[slice_index * len(actions) // len(solution.q)]
+    sentence = (
+        f"When {describe(action, operators)}, {bodies[0]} and {bodies[1]} "
+        f"are {centimeters(depth)} cm too close."
+    )
+    return Reason(ReasonKind.COLLISION, str(action), bodies, depth, sentence)
+
+
+def _joint_reason(
+    scene: Scene, action: Action, solution: NlpSolution, operators: Sequence[Operator]
+) -> Reason:
+    """Return the reason that a joint has to turn beyond its limit."""
+    index, excess = _worst_joint(scene, solution)
+    arm, joint = divmod(index, scene.workcell.robot.number_of_joints)
+    name = f"joint {joint + 1} of the {scene.workcell.arm_names[arm]} arm"
+    angle = math.degrees(excess)
+    doing = describe(action, operators)
+    sentence = f"When {doing}, {name} turns {angle:.1f} degrees beyond its limit."
+    return Reason(ReasonKind.JOINT, str(action), (name,), excess, sentence)
 
 
 def deepest_contact(

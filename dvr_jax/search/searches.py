@@ -154,9 +154,9 @@ def search(
     found = Outcome(PlanStatus.TIME_LIMIT, seconds=session.seconds)
     try:
         found = run_alone(steps_of(name, session, network))
-        if is_limit_open and found.status == PlanStatus.EXHAUSTED:
-            if run_alone(_raise_limit(session)):
-                found = run_alone(steps_of(name, session, network))
+        is_open = is_limit_open and found.status == PlanStatus.EXHAUSTED
+        if is_open and run_alone(_raise_limit(session)):
+            found = run_alone(steps_of(name, session, network))
         if shortest and found.node is not None:
             tree.k_max = found.node.depth - 1
             shorter = run_alone(multi_bound(session))

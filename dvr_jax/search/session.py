@@ -180,7 +180,7 @@ class SearchSession:
         return sorted(passed, key=lambda node: node.depth)
 
     def _shorter(self, leaf: Node) -> list[Node]:
-        """Return the sequences that leave out some actions of a leaf and reach the goal, as far as bounds allow them."""
+        """Return the sequences that leave out some actions of a leaf and reach the goal, if known bounds allow them."""
         found: dict[Node, None] = {}
         prefixes: dict[Node, None] = {self.tree.root: None}
         for action in leaf.actions:

@@ -46,7 +46,9 @@ def test_a_cylinder_is_grasped_at_one_face_for_all() -> None:
     box = SceneObject("a", "box", (0.05, 0.05, 0.1), (-0.3, 0.3), 0.3)
     can = SceneObject("b", "cylinder", (0.03, 0.1), (-0.3, -0.3), 0.0)
     tree = SequenceTree(
-        Scene((box, can), OnRegion("a", Region((-0.1, -0.2), 0.2, (0.1, 0.1)))), k_max=3
+        Scene((box, can), OnRegion("a", Region((-0.1, -0.2), 0.2, (0.1, 0.1)))),
+        k_max=3,
+        is_relaxed=False,
     )
     grasped = [child.actions[0].arguments[1:] for child in tree.expand(tree.root)]
     assert (
