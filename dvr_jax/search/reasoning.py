@@ -6,10 +6,15 @@ prediction exceeds a threshold, which decreases during the search. Whatever the 
 most K_max actions is reached in the end unless a bound has refuted a prefix of it, so that these searches are as
 complete as breadth-first search.
 
-One thing differs from the paper. Each time that none of the leaves tried was feasible, the search collects four times
-as many leaves above the threshold before the next try, and judges their keyframes in one batch; their paths are tried
-in the order of the predictions. If the network's first prediction is right, nothing changes. If it is wrong, a batch is
-many times cheaper than its members one after the other.
+Three things differ from the paper. If the network's first prediction is right, they change nothing.
+
+- Each time that none of the leaves tried was feasible, the search collects four times as many leaves above the
+  threshold before the next try, and judges their keyframes in one batch; their paths are tried in the order of the
+  predictions. A batch is many times cheaper than its members one after the other.
+- After the first failure the relaxation of the scene is computed (`dvr_jax.search.relaxation`). The search ends if it
+  shows that there is no solution, and skips all prefixes that cannot lead to one.
+- After each failure, a best-first search by the relaxation's bound goes on for a number of prefixes
+  (`dvr_jax.search.front`). It finds solutions that are longer than those that the network was trained on.
 """
 
 from __future__ import annotations
@@ -176,7 +181,8 @@ def _guided(
                 return Outcome(PlanStatus.EXHAUSTED, seconds=session.seconds)
             width = min(GROWTH * width, LARGEST_BATCH)
             front = front or PrefixFront(session)
-            outcome = yield from session.try_leaves((yield from front.advance(width)))
+            expansions = max(width, 2 * tree.relaxation.lower_bound)
+            outcome = yield from session.try_leaves((yield from front.advance(expansions)))
             if outcome is not None:
                 return outcome
     return Outcome(PlanStatus.EXHAUSTED, seconds=session.seconds)

@@ -6,9 +6,13 @@ bounds, and so are its descendants:
 
 - *symbolic*: the goal can be reached within K_max actions, and no action is refuted by a constant of the scene (for
   example, by an object that is too wide for the gripper);
-- *pose*: keyframes exist for the actions on one object alone (`dvr_jax.search.pose_bound`);
+- *pose*: keyframes exist for the actions on one object alone (`dvr_jax.search.pose_bound`), and for each two or three
+  consecutive ones of them (`dvr_jax.search.windows`);
 - *sequence*: keyframes exist for all actions of the prefix;
 - *path*: a motion exists for the whole sequence, which reaches the goal.
+
+From the windows follows a lower bound on the number of actions of a scene and on those that a prefix still needs
+(`dvr_jax.search.relaxation`). Prefixes that cannot lead to a solution of at most K_max actions are not expanded.
 
 Bounds are generators: they yield requests for numerical work (`dvr_jax.search.work`) and continue when it is done, so
 that the searches of many scenes can share batches. Only `SequenceTree.retry_refuted` ever revises a verdict.
