@@ -48,6 +48,10 @@ class PrefixFront:
             node = heapq.heappop(self._heap)[-1]
             children = self._session.tree.expand(node)
             passed = yield from self._session.judge_children(children)
+            for child in children:
+                # The second look is left to the search beside which this one goes on.
+                if child.deserves_second_look:
+                    child.reopen()
             for child in passed:
                 if not child.reaches_goal:
                     self._push(child)

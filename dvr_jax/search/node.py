@@ -97,6 +97,17 @@ class Node:
             self.evidence = Evidence(problem, solution)
 
     @property
+    def deserves_second_look(self) -> bool:
+        """Whether the sequence bound has refuted this prefix once, and not twice."""
+        return self.feasible is False and self.refuted_by == "sequence" and not self.is_retried
+
+    def reopen(self) -> None:
+        """Withdraw the verdict on this prefix."""
+        self.feasible = None
+        self.refuted_by = ""
+        self.violation = math.nan
+
+    @property
     def depth(self) -> int:
         """Number of actions."""
         return len(self.actions)

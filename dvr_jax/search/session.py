@@ -133,7 +133,7 @@ class SearchSession:
                 if node.feasible is None and node.parent.feasible is False:
                     node.feasible = False
             yield from self.judge_sequences([node for node in prefixes if node.feasible is None])
-            refuted = [node for node in prefixes if _deserves_second_look(node)]
+            refuted = [node for node in prefixes if node.deserves_second_look]
             if relax_first and refuted and not (yield from self.judge_scene()):
                 return []
             with self.timed("sequence"):
@@ -249,11 +249,6 @@ class SearchSession:
         if not solution.feasible:
             verdict = f"violation {solution.relative_violation:.1f} times the tolerance"
         self.progress(f"path of {actions}: {verdict}")
-
-
-def _deserves_second_look(node: Node) -> bool:
-    """Return whether the sequence bound has refuted a node once, and not twice."""
-    return node.feasible is False and node.refuted_by == "sequence" and not node.is_retried
 
 
 def _least_violation(leaf: Node) -> float:

@@ -35,9 +35,7 @@ def obstructed(number: int) -> Scene:
         for index, place in enumerate(places[:number], start=1)
     ]
     target = box("target", (0.07, 0.07, 0.05), (-0.4, -0.2))
-    return Scene(
-        (target, *blockers), OnRegion("target", Region((-0.4, 0.15), 0.0, (0.09, 0.09)))
-    )
+    return Scene((target, *blockers), OnRegion("target", Region((-0.4, 0.15), 0.0, (0.09, 0.09))))
 
 
 NEEDLESS_GRASP = Scene(
