@@ -122,11 +122,13 @@ class Relaxation:
         self._remaining.clear()
         return self.lower_bound
 
-    def judge_windows(self, nodes: Sequence[Node]) -> Steps[list[bool]]:
+    def judge_windows(self, nodes: Sequence[Node], least: int = 1) -> Steps[list[bool]]:
         """Judge the last two actions on one object of each node, and refute the nodes that fail.
 
         Args:
             nodes: The nodes.
+            least: Number of actions on the object from which on windows are judged. Verdicts that are known are used
+                for all nodes.
 
         Returns:
             Whether each of them passes.
@@ -135,6 +137,9 @@ class Relaxation:
         for node in nodes:
             if node.feasible is None:
                 name = object_of(node.actions[-1], self._operators)
+                number = sum(object_of(a, self._operators) == name for a in node.actions)
+                if number < least:
+                    continue
                 pair, _ = last_windows(node.actions, self._operators)
                 wanted.setdefault(self.others(name), []).append(pair)
         for ignored, windows in wanted.items():

@@ -30,6 +30,9 @@ from dvr_jax.solver.state import Termination
 LEAVES = 64
 """Number of leaves whose bounds are computed in one batch before the paths of the feasible ones are tried."""
 
+UNRELAXED_LENGTH = 2
+"""Sequences of up to this length are judged before the relaxation is computed, which costs as much as they do."""
+
 EAGER_LENGTH = 3
 """Length up to which multi-bound search computes the pose bound of all prefixes."""
 
@@ -72,10 +75,11 @@ def _by_levels(
         judge_prefixes: Returns those of some prefixes that are expanded.
     """
     tree = session.tree
-    if not (yield from session.judge_scene()):
-        return Outcome(PlanStatus.EXHAUSTED, seconds=session.seconds)
     level = [tree.root]
     for depth in range(1, tree.k_max + 1):
+        is_relaxed = depth > UNRELAXED_LENGTH or tree.is_refuted_at_once()
+        if is_relaxed and not (yield from session.judge_scene()):
+            break
         children = [
             child for node in level if node.feasible is not False for child in tree.expand(node)
         ]
@@ -91,6 +95,9 @@ def _by_levels(
 
         if depth < tree.k_max:
             level = yield from judge_prefixes([node for node in children if not node.reaches_goal])
+
+    # The relaxation may know a reason, also if it was not needed.
+    yield from session.judge_scene()
     return Outcome(PlanStatus.EXHAUSTED, seconds=session.seconds)
 
 
@@ -159,8 +166,9 @@ def search(
             found = run_alone(steps_of(name, session, network))
         if shortest and found.node is not None:
             tree.k_max = found.node.depth - 1
-            shorter = run_alone(multi_bound(session))
-            found = shorter if shorter.node is not None else found
+            if run_alone(session.judge_scene()):
+                shorter = run_alone(multi_bound(session))
+                found = shorter if shorter.node is not None else found
     except OutOfTime:
         found.is_complete = False
     return found

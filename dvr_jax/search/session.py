@@ -99,8 +99,9 @@ class SearchSession:
 
     def judge_poses(self, nodes: list[Node]) -> Steps[list[Node]]:
         """Judge the windows and then the pose bound of nodes, and return the nodes that pass."""
+        # A chain of one or two actions costs no more than its window, so only longer chains have their windows judged.
         with self.timed("relaxation"):
-            verdicts = yield from self.tree.judge_windows(nodes)
+            verdicts = yield from self.tree.judge_windows(nodes, least=3)
         left = [node for node, verdict in zip(nodes, verdicts, strict=True) if verdict]
         with self.timed("pose"):
             verdicts = yield from self.tree.judge_poses(left)

@@ -149,11 +149,16 @@ class SequenceTree:
             return True
         return (yield from self.relaxation.compute(self.k_max)) <= self.k_max
 
-    def judge_windows(self, nodes: list[Node]) -> Steps[list[bool]]:
-        """Judge the last two actions on one object of nodes, and return for each of them whether it passes."""
+    def judge_windows(self, nodes: list[Node], least: int = 1) -> Steps[list[bool]]:
+        """Judge the last two actions on one object of nodes, and return for each of them whether it passes.
+
+        Args:
+            nodes: The nodes.
+            least: Number of actions on the object from which on windows are judged.
+        """
         if not self.is_relaxed:
             return [True] * len(nodes)
-        return (yield from self.relaxation.judge_windows(nodes))
+        return (yield from self.relaxation.judge_windows(nodes, least))
 
     def judge_sequences(self, nodes: list[Node]) -> Steps[None]:
         """Compute the sequence bound of nodes whose parents have passed it."""
