@@ -127,7 +127,8 @@ def _actions_reason(tree: SequenceTree, needed: int) -> Reason:
     blockers = sorted(tree.relaxation.required)
     cause = ""
     if blockers:
-        listed = " and ".join(f"'{name}'" for name in blockers)
+        quoted = [f"'{name}'" for name in blockers]
+        listed = " and ".join([*([", ".join(quoted[:-1])] if quoted[1:] else []), quoted[-1]])
         verb = "has" if len(blockers) == 1 else "have"
         cause = f", because {listed} {verb} to be moved out of the way"
     sentence = (

@@ -111,16 +111,25 @@ class Relaxation:
             [o for o, least in self.blocking.items() if least > alone]
         )
 
-        # Objects that stay let the walk have at least the largest of their lengths; all others are moved.
-        thresholds = sorted({alone, *self.blocking.values()})
-        self.lower_bound = min(
-            max(alone, threshold)
-            + self._moving_cost([o for o, least in self.blocking.items() if least > threshold])
-            for threshold in thresholds
-        )
-        self.required = frozenset(o for o, least in self.blocking.items() if least > limit)
         self._remaining.clear()
+        self.lower_bound = min(map(self._bound_of_scene, sorted({alone, *self.blocking.values()})))
+        self.required = frozenset(o for o, least in self.blocking.items() if least > limit)
         return self.lower_bound
+
+    def _bound_of_scene(self, length: int) -> int:
+        """Return a lower bound for the solutions in which an object stays only if it allows a walk of some length.
+
+        Args:
+            length: The length; objects with which the walk is longer are moved, and the walk is at least as long as
+                the longest that an object that stays demands.
+        """
+        moved = [other for other, least in self.blocking.items() if least > length]
+        root = self.graph(self.goal_object).root
+        return min(
+            max(length, self._distances(arm).get(root, UNREACHED))
+            + self._moving_cost_for(moved, arm)
+            for arm in self.solver.scene.workcell.arm_names
+        )
 
     def judge_windows(self, nodes: Sequence[Node], least: int = 1) -> Steps[list[bool]]:
         """Judge the last two actions on one object of each node, and refute the nodes that fail.
