@@ -158,7 +158,7 @@ def _guided(
         encoding = network.encode_scene(tree.scene, tree.grounding, images)
     to_expand.push(_Candidate(tree.root, 1.0, encoding.initial_hidden()[0]))
 
-    front: PrefixFront | None = None
+    front = PrefixFront(session)
     leaves = _ByProbability()
     threshold = THRESHOLD
     width = 1
@@ -177,15 +177,33 @@ def _guided(
             outcome = yield from _try(session, [leaf.node for leaf in batch])
             if outcome is not None:
                 return outcome
-            if not (yield from session.judge_scene()):
-                return Outcome(PlanStatus.EXHAUSTED, seconds=session.seconds)
             width = min(GROWTH * width, LARGEST_BATCH)
-            front = front or PrefixFront(session)
-            expansions = max(width, 2 * tree.relaxation.lower_bound)
-            outcome = yield from session.try_leaves((yield from front.advance(expansions)))
+            outcome = yield from _advance(session, front, width)
             if outcome is not None:
                 return outcome
+
+    # The relaxation may know a reason, also if it was not needed.
+    yield from session.judge_scene()
     return Outcome(PlanStatus.EXHAUSTED, seconds=session.seconds)
+
+
+def _advance(session: SearchSession, front: PrefixFront, width: int) -> Steps[Outcome | None]:
+    """Go on by the relaxation after the network's leaves have failed.
+
+    Args:
+        session: The search in progress.
+        front: The best-first search beside the network's.
+        width: Number of leaves that the network proposes next.
+
+    Returns:
+        How the search ends; None if it goes on.
+    """
+    if not (yield from session.judge_scene()):
+        return Outcome(PlanStatus.EXHAUSTED, seconds=session.seconds)
+    if not session.tree.is_relaxed:
+        return None
+    expansions = max(width, 2 * session.tree.relaxation.lower_bound)
+    return (yield from session.try_leaves((yield from front.advance(expansions))))
 
 
 def _expand(
