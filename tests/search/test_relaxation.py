@@ -125,9 +125,12 @@ def test_a_box_on_the_target_costs_two_more_actions() -> None:
     assert tree.relaxation.remaining([Action.parse("grasp(left, +x, b1)")]) == 2
 
 
-def test_a_bound_above_the_limit_excludes_all_sequences() -> None:
+def test_prefixes_that_need_too_many_further_actions_are_not_expanded() -> None:
     least, tree = lower_bound(obstructed(1), 3)
-    assert least == 4 and not tree.expand(tree.root)
+    assert least == 4
+    # A grasp of the target box leaves two actions, of which none moves the other box.
+    first = [child.actions[0] for child in tree.expand(tree.root)]
+    assert first and {object_of(action, OPERATORS) for action in first} == {"b1"}
 
 
 def test_a_node_is_refuted_by_a_window_and_says_so() -> None:
