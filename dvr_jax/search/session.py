@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from dvr_jax.nlp.problem import Variables
 from dvr_jax.search.node import Node
 from dvr_jax.search.node_solver import PATH_STARTS
+from dvr_jax.search.shortening import shorter_leaves
 from dvr_jax.search.status import PlanStatus
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import Steps
@@ -176,20 +177,9 @@ class SearchSession:
         Returns:
             Those that pass and whose paths have not been tried, the shortest first.
         """
-        shorter = [node for node in self._shorter(leaf) if node.solved is None]
+        shorter = [node for node in shorter_leaves(self.tree, leaf) if node.solved is None]
         passed = yield from self.judge_leaves(shorter)
         return sorted(passed, key=lambda node: node.depth)
-
-    def _shorter(self, leaf: Node) -> list[Node]:
-        """Return the sequences that leave out some actions of a leaf and reach the goal, if known bounds allow them."""
-        found: dict[Node, None] = {}
-        prefixes: dict[Node, None] = {self.tree.root: None}
-        for action in leaf.actions:
-            for prefix in list(prefixes):
-                for child in self.tree.expand(prefix):
-                    if child.actions[-1] == action and child.feasible is not False:
-                        (found if child.reaches_goal else prefixes)[child] = None
-        return [node for node in found if node.depth < leaf.depth]
 
     def try_path(self, node: Node) -> Steps[Outcome | None]:
         """Solve the path NLP from several keyframe solutions of a leaf, one after the other, until a path is accepted.
