@@ -47,6 +47,12 @@ BENCHMARKS: dict[str, Benchmark] = {
         "problem_drawing", "draw such problems, each judged from 64 random starts (hours)"
     ),
     "labels": Benchmark("labels", "labels of a sweep against 64 random starts (hours)"),
+    "reasons": Benchmark(
+        "reasons", "reasons of refuted sequences: the share of those that a changed scene confirms"
+    ),
+    "relaxation": Benchmark(
+        "relaxation", "lower bounds on the number of actions beside the tree's verdicts"
+    ),
     "dataset": Benchmark(
         "dataset", "labels and training targets of folders of shards, beside the paper's"
     ),

@@ -206,9 +206,7 @@ def transcribe_switch(
 ) -> Problem:
     """Write the keyframe NLP of one action alone, before which an earlier action left the object in a gripper.
 
-    This is a relaxation of all sequences in which `action` follows `before` as the next one on its object. The object
-    may be held with any mode parameters within the bounds of `before`. The NLP has two slices. In the first one all
-    other objects are absent and the object is held already, so that there is no switch; the second is that of `action`.
+    This is `transcribe_window` for a single action.
 
     Args:
         scene: A valid scene.
@@ -217,7 +215,30 @@ def transcribe_switch(
         ignored: Names of objects left out of the world.
         operators: The operators that are known.
     """
-    problem = transcribe(scene, [before, action], ignored, operators)
+    return transcribe_window(scene, before, [action], ignored, operators)
+
+
+def transcribe_window(
+    scene: Scene,
+    before: Action,
+    actions: Sequence[Action],
+    ignored: Sequence[str] = (),
+    operators: Sequence[Operator] = OPERATORS,
+) -> Problem:
+    """Write the keyframe NLP of actions on one object, before which an earlier action left it in a gripper.
+
+    This is a relaxation of all sequences in which the actions follow `before` as the next ones on their object. The
+    object may be held with any mode parameters within the bounds of `before`. The NLP of K actions has K + 1 slices. In
+    the first one all other objects are absent and the object is held already, so that there is no switch.
+
+    Args:
+        scene: A valid scene.
+        before: The action that leaves the object in a gripper.
+        actions: The next actions on the same object.
+        ignored: Names of objects left out of the world.
+        operators: The operators that are known.
+    """
+    problem = transcribe(scene, [before, *actions], ignored, operators)
 
     # The switched object is held in phase 0 as in phase 1, and all others are absent in phase 0.
     item = problem.switched_object[0]
