@@ -40,10 +40,15 @@ _PUBLIC_NAMES: dict[str, str] = {
     "OPERATORS": "dvr_jax.operators:OPERATORS",
     # Planning
     "plan": "dvr_jax.planning.planner:plan",
+    "plan_scenes": "dvr_jax.planning.many_scenes:plan_scenes",
+    "ScenePlan": "dvr_jax.planning.scene_tasks:ScenePlan",
     "Plan": "dvr_jax.planning.result:Plan",
     "PlanStatus": "dvr_jax.search.status:PlanStatus",
     "feasibility": "dvr_jax.planning.feasibility:feasibility",
     "Verdict": "dvr_jax.planning.feasibility:Verdict",
+    "Reason": "dvr_jax.search.reasons:Reason",
+    "ReasonKind": "dvr_jax.search.reasons:ReasonKind",
+    "Refutation": "dvr_jax.search.explanation:Refutation",
     "Action": "dvr_jax.logic:Action",
     "Predictor": "dvr_jax.model.predictor:Predictor",
     # Motions and their check
@@ -83,8 +88,10 @@ if TYPE_CHECKING:
     from dvr_jax.planning.check import check as check
     from dvr_jax.planning.feasibility import Verdict as Verdict
     from dvr_jax.planning.feasibility import feasibility as feasibility
+    from dvr_jax.planning.many_scenes import plan_scenes as plan_scenes
     from dvr_jax.planning.planner import plan as plan
     from dvr_jax.planning.result import Plan as Plan
+    from dvr_jax.planning.scene_tasks import ScenePlan as ScenePlan
     from dvr_jax.scene.files import load_scene as load_scene
     from dvr_jax.scene.files import load_scenes as load_scenes
     from dvr_jax.scene.files import save_scene as save_scene
@@ -94,6 +101,9 @@ if TYPE_CHECKING:
     from dvr_jax.scene.types import FixedBody as FixedBody
     from dvr_jax.scene.types import Scene as Scene
     from dvr_jax.scene.types import SceneObject as SceneObject
+    from dvr_jax.search.explanation import Refutation as Refutation
+    from dvr_jax.search.reasons import Reason as Reason
+    from dvr_jax.search.reasons import ReasonKind as ReasonKind
     from dvr_jax.search.status import PlanStatus as PlanStatus
     from dvr_jax.workcell.robot import Robot as Robot
     from dvr_jax.workcell.workcell import WORKCELLS as WORKCELLS

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from dvr_jax.errors import DvrError, run_command
+from dvr_jax.runtime.progress import Progress
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,12 @@ BENCHMARKS: dict[str, Benchmark] = {
         "problem_drawing", "draw such problems, each judged from 64 random starts (hours)"
     ),
     "labels": Benchmark("labels", "labels of a sweep against 64 random starts (hours)"),
+    "reasons": Benchmark(
+        "reasons", "reasons of refuted sequences: the share of those that a changed scene confirms"
+    ),
+    "relaxation": Benchmark(
+        "relaxation", "lower bounds on the number of actions beside the tree's verdicts"
+    ),
     "dataset": Benchmark(
         "dataset", "labels and training targets of folders of shards, beside the paper's"
     ),
@@ -92,7 +99,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     benchmark = BENCHMARKS[name]
     module = importlib.import_module(f"dvr_jax.bench.{benchmark.module}")
-    exit_code: int = module.run(given[1:])
+    with Progress(f"benchmark {name}"):
+        exit_code: int = module.run(given[1:])
     return exit_code
 
 

@@ -52,11 +52,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from dvr_jax.checker import describe
     from dvr_jax.planning.check import check
     from dvr_jax.planning.result import Plan
+    from dvr_jax.runtime.progress import Progress
 
     plan = Plan.load(options.plan)
     if plan.motion is None:
         raise DataError(f"the plan in {options.plan} is not solved, so that it has no motion.")
 
-    report = check(plan.scene, plan.actions, plan.motion, dynamics=options.dynamics)
+    with Progress("checking the motion"):
+        report = check(plan.scene, plan.actions, plan.motion, dynamics=options.dynamics)
     print(describe(report))
     return EXIT_PASSED if report.passed else EXIT_FAILED

@@ -74,13 +74,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from dvr_jax.dataset.counts import count_infeasible_sequences, count_labels
     from dvr_jax.dataset.examples import count_targets, load_examples
     from dvr_jax.dataset.shards import find_shards
+    from dvr_jax.runtime.progress import Progress
 
-    infos = find_shards(options.data)
-    labels = count_labels(infos)
-    known = count_infeasible_sequences(infos, options.k_max)
-    targets = count_targets(
-        load_examples(options.data, options.completions, options.k_max, options.seed)
-    )
+    with Progress("counting the labels"):
+        infos = find_shards(options.data)
+        labels = count_labels(infos)
+        known = count_infeasible_sequences(infos, options.k_max)
+        targets = count_targets(
+            load_examples(options.data, options.completions, options.k_max, options.seed)
+        )
 
     table = [
         _Line("scenes", labels.scenes, "30,000"),
@@ -118,9 +120,11 @@ def repack(arguments: Sequence[str]) -> int:
     options = parse_options(RepackOptions, "dataset repack", arguments)
 
     from dvr_jax.dataset.repack import repack_folder
+    from dvr_jax.runtime.progress import Progress
 
     for folder in options.folders:
-        shards = list(repack_folder(folder))
+        with Progress(f"packing {folder}"):
+            shards = list(repack_folder(folder))
         scenes = sum(len(shard.info.scenes) for shard in shards)
         before = sum(shard.bytes_before for shard in shards)
         after = sum(shard.bytes_after for shard in shards)

@@ -92,15 +92,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _execute_once(plan: Plan, variation: ConditionRange, options: ExecuteOptions) -> int:
     """Execute a plan once, write the animation, and report on every object."""
     from dvr_jax.runtime.files import require_writable
+    from dvr_jax.runtime.progress import Progress
 
     path = options.out or options.plan / "execution.gif"
     if options.animation:
         # A place that cannot be written to is refused now, and not after the simulation.
         require_writable(path)
-    execution = _execution_under(plan, variation.conditions(0), options)
+    with Progress("simulating"):
+        execution = _execution_under(plan, variation.conditions(0), options)
     report = execution.report
     if options.animation:
-        _animate(path, plan, execution)
+        with Progress("drawing the animation"):
+            _animate(path, plan, execution)
 
     print(f"{_verdict(report)} after {report.duration:.1f} s of simulated time")
     for item in report.objects:
@@ -138,6 +141,7 @@ def _repeat(plan: Plan, variation: ConditionRange, options: ExecuteOptions) -> i
     """Execute a plan several times, and count the successes and the causes of failures."""
     from dvr_jax.execution import PhysicsBackend
     from dvr_jax.execution.repetition import execute_repeatedly
+    from dvr_jax.runtime.progress import Progress
 
     assert plan.motion is not None
     succeeded = 0
@@ -152,11 +156,13 @@ def _repeat(plan: Plan, variation: ConditionRange, options: ExecuteOptions) -> i
         PhysicsBackend(options.backend),
         _show_progress,
     )
-    for index, report in enumerate(reports):
-        succeeded += report.succeeded
-        if not report.succeeded:
-            causes[report.failure] += 1
-        print(f"  execution {index}: {_verdict(report)}", file=sys.stderr, flush=True)
+    with Progress("simulating", options.repeat, "executions") as progress:
+        for index, report in enumerate(reports):
+            progress.advance()
+            succeeded += report.succeeded
+            if not report.succeeded:
+                causes[report.failure] += 1
+            print(f"  execution {index}: {_verdict(report)}", file=sys.stderr, flush=True)
 
     print(f"the goal holds after {succeeded} of {options.repeat} executions")
     for cause, count in causes.most_common():

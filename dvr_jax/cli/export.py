@@ -42,6 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from dvr_jax.planning.export import export_csv, export_ros
     from dvr_jax.planning.result import Plan
     from dvr_jax.runtime.files import require_folder
+    from dvr_jax.runtime.progress import Progress
 
     plan = Plan.load(options.plan)
     if plan.motion is None:
@@ -49,8 +50,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     folder = options.out or options.plan
     require_folder(folder)
-    export_csv(folder / CSV, plan.scene, plan.motion, options.rate)
-    export_ros(folder / ROS, plan.scene, plan.motion)
+    with Progress("writing the motion"):
+        export_csv(folder / CSV, plan.scene, plan.motion, options.rate)
+        export_ros(folder / ROS, plan.scene, plan.motion)
     print(f"written: {folder / CSV} and {folder / ROS}")
     return 0
 

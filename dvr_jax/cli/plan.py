@@ -1,16 +1,21 @@
-"""Command line `python -m dvr_jax.plan SCENE.json`: from a scene file to a checked two-arm motion."""
+"""Command line `python -m dvr_jax.plan SCENE.json`: from a scene file to a checked two-arm motion.
+
+`python -m dvr_jax.plan SCENES.jsonl --out DIR` plans all scenes of a file (`dvr_jax.cli.plan_many`).
+"""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from threading import get_ident
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
 from dvr_jax.cli.options import parse_options
+from dvr_jax.cli.plan_many import SUFFIX, plan_many
 from dvr_jax.errors import OptionError, run_command
 
 if TYPE_CHECKING:
@@ -28,19 +33,26 @@ EXIT_NONE_FOUND = 1
 class PlanOptions:
     """Find a sequence of actions that solves a scene, and a motion of the arms that carries it out.
 
-    Exit code 0: solved, and the motion passed the independent check; 1: none found; 2: bad input.
+    A file of many scenes is planned by several processes into one folder for each scene, with a table of results. A run
+    that was stopped goes on when the same command is given again.
+
+    Exit code 0: solved, and the motion passed the independent check; 1: none found, or not for every scene; 2: bad
+    input.
     """
 
     scene: Annotated[Path, tyro.conf.Positional]
-    """Scene file (JSON)."""
+    """Scene file (*.json), or a file of many scenes, one a line (*.jsonl, as `python -m dvr_jax.sample` writes it)."""
     search: Literal["dvr", "classifier", "mbts", "bfs"] = "dvr"
     """Guided by a network as in the paper (dvr), guided by a feasibility classifier (classifier), multi-bound tree
     search (mbts), or breadth-first search (bfs)."""
     network: Path | None = None
     """Trained network of the search's kind, for dvr and classifier: a file network.npz, or the folder of a training.
     By default the shipped network."""
-    k_max: int = 6
-    """Largest number of actions."""
+    k_max: int | None = None
+    """Largest number of actions; by default 6, and if these do not suffice, up to the lower bound on the number of
+    actions plus 4."""
+    shortest: bool = False
+    """Find a plan of the least number of actions."""
     seed: int = 0
     """Seed of all sampling; the same seed gives the same plan."""
     time_limit: float = 300.0
@@ -53,6 +65,10 @@ class PlanOptions:
     """Folder for plan.json, trajectory.npz, scene.xml, film.png, depth.png and plan.gif; it is made if missing."""
     animation: bool = True
     """Also write plan.gif, which takes some seconds."""
+    workers: int | None = None
+    """Number of processes for a file of many scenes, which plan one scene each at a time; by default one a core."""
+    ray: str | None = None
+    """Address of a Ray cluster whose CPUs take the workers' place ("auto": the one that runs on this machine)."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -65,9 +81,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
         The exit code.
     """
     options = parse_options(PlanOptions, "plan", arguments)
+    if options.scene.suffix == SUFFIX:
+        return plan_many(options)
+    if options.workers is not None or options.ray is not None:
+        raise OptionError(
+            f"--workers and --ray are for a file of many scenes (*{SUFFIX}); {options.scene} is none."
+        )
+
+    # The programs of the last plan of this kind are loaded while the modules of the planner are imported.
+    from dvr_jax.runtime.compilation import keep_programs_of, load_programs_of
+
+    purpose = _purpose(options)
+    load_programs_of(purpose)
 
     from dvr_jax.planning.planner import plan
     from dvr_jax.runtime.files import require_folder
+    from dvr_jax.runtime.progress import Progress
     from dvr_jax.scene.files import load_scene
 
     scene = load_scene(options.scene)
@@ -76,26 +105,53 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # A folder that cannot be written to is refused now, and not when a plan has been found.
         require_folder(options.out)
 
-    result = plan(
-        scene,
-        options.search,
-        options.k_max,
-        options.seed,
-        options.time_limit,
-        progress=_report_progress,
-        network=network,
-        clearance=options.clearance,
-        termination=options.termination,
-    )
+    with Progress("planning", detail=_compilation_of(get_ident())):
+        result = plan(
+            scene,
+            options.search,
+            options.k_max,
+            options.seed,
+            options.time_limit,
+            progress=_report_progress,
+            network=network,
+            clearance=options.clearance,
+            termination=options.termination,
+            shortest=options.shortest,
+        )
     if options.out is not None:
         # Written before anything is printed, because the reader of the output may have gone.
-        result.save(options.out, animation=options.animation)
+        with Progress("drawing the pictures"):
+            result.save(options.out, animation=options.animation)
 
+    keep_programs_of(purpose)
     _print_plan(result, options)
     if options.out is not None:
         print(f"written to {options.out}/")
 
     return EXIT_SOLVED if result.solved else EXIT_NONE_FOUND
+
+
+def _purpose(options: PlanOptions) -> str:
+    """Name the programs that a plan is likely to need, by the number of objects and the kind of search."""
+    try:
+        objects = options.scene.read_bytes().count(b'"shape"')
+    except OSError:
+        # The file is refused a little later, with a reason.
+        objects = 0
+    return f"plan-{objects}-bodies-{options.search}-{options.k_max}-{options.termination}"
+
+
+def _compilation_of(thread: int) -> Callable[[], str]:
+    """Return a function that tells whether a thread waits for a program to be compiled."""
+    from dvr_jax.runtime.compilation import awaited_program, compiling_programs
+
+    def describe() -> str:
+        """Return a part of a line about the progress."""
+        if awaited_program(thread) is None or not compiling_programs():
+            return ""
+        return "compiling, which only the first plans on a machine do"
+
+    return describe
 
 
 def _load_network(options: PlanOptions) -> Predictor | None:
@@ -124,15 +180,25 @@ def _print_plan(result: Plan, options: PlanOptions) -> None:
         for number, description in enumerate(result.action_descriptions, start=1):
             print(f"  {number}. {description}")
     else:
-        print(
-            f"none found: {result.status} (at most {options.k_max} actions, {options.time_limit:g} s)"
-        )
+        k_max = result.options["k_max"]
+        print(f"none found: {result.status} (at most {k_max} actions, {options.time_limit:g} s)")
+        _print_reasons(result)
 
     nlps = ", ".join(f"{count} {bound}" for bound, count in result.nlps.items())
     print(f"NLPs solved: {nlps or 'none'}")
 
     seconds = ", ".join(f"{stage} {value:.2f}" for stage, value in result.seconds.items())
     print(f"seconds: {seconds}")
+
+
+def _print_reasons(result: Plan) -> None:
+    """Print why the scene has no solution, or why the most promising sequences fail."""
+    if result.reason is not None:
+        print(f"reason: {result.reason}")
+        return
+    for refuted in result.refuted:
+        print(f"  {' '.join(map(str, refuted.actions))}")
+        print(f"    {refuted.reason}")
 
 
 def _report_progress(line: str) -> None:

@@ -47,6 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     require_range("number", options.number, 1, LARGEST_NUMBER)
 
     from dvr_jax.runtime.files import require_writable
+    from dvr_jax.runtime.progress import Progress
     from dvr_jax.scene.files import save_scenes
     from dvr_jax.scene.random_scenes import sample_scenes
     from dvr_jax.scene.sampling import SceneDistribution
@@ -58,9 +59,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     distribution = SceneDistribution(
         shape=options.shape, cube_share=options.cubes, fixed_bodies=options.fixed
     )
-    scenes = tuple(
-        sample_scenes(options.number, options.objects, options.seed, distribution, workcell)
-    )
+    scenes = []
+    with Progress("drawing", options.number, "scenes") as progress:
+        for scene in sample_scenes(
+            options.number, options.objects, options.seed, distribution, workcell
+        ):
+            scenes.append(scene)
+            progress.advance()
     save_scenes(options.out, scenes)
 
     print(

@@ -20,7 +20,8 @@ from dvr_jax.errors import OptionError, run_command
 class SweepOptions:
     """Label sequences of each scene, in order of length, until enough of them are feasible.
 
-    A sweep that was stopped goes on when the same command is given again; a shard is written once it is complete.
+    A sweep that was stopped goes on when the same command is given again. The labels of each scene are kept at once,
+    and a shard is written once its scenes are complete.
     """
 
     scenes: Path
@@ -36,11 +37,11 @@ class SweepOptions:
     seed: int = 0
     """Seed of the solver's samples."""
     shard: int = 50
-    """Number of scenes in a shard; progress is reported, and kept, shard by shard."""
+    """Number of scenes in a shard. Progress is reported, and kept, scene by scene."""
     width: int = 32
     """Number of scenes whose solves share a batch."""
     workers: int = os.cpu_count() or 1
-    """Number of processes, which label one shard each at a time."""
+    """Number of processes, which label one shard each at a time, or a part of it if there are fewer shards."""
     ray: str | None = None
     """Address of a Ray cluster ("auto": the one that runs on this machine), whose CPUs take the workers' place."""
 

@@ -42,6 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from dvr_jax.model.training_record import write_training_record
     from dvr_jax.model.training_run import train
     from dvr_jax.runtime.files import require_folder
+    from dvr_jax.runtime.progress import Progress
 
     network = NetworkConfig(
         image_size=options.image_size,
@@ -56,14 +57,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     # Held-out data are loaded as the training data are; without any, a fraction of the scenes is held out.
     load = partial(examples.load_examples, completions=options.completions, k_max=options.k_max)
-    held_out = load(options.validation) if options.validation else None
-    data = prepare_training_data(options, load(options.data), held_out, say, are_feasible)
+    with Progress("reading and rendering the scenes"):
+        held_out = load(options.validation) if options.validation else None
+        data = prepare_training_data(options, load(options.data), held_out, say, are_feasible)
     say(
         f"{len(data.sampler.sequences)} sequences to train on, {len(data.sampler.feasible)} of them feasible; "
         f"a target of 1 weighs {data.positive_weight:.2f}"
     )
 
-    train(options, data, network, say)
+    with Progress("training", options.steps, "steps") as progress:
+        train(options, data, network, say, progress.reach)
 
     given = sys.argv[1:] if arguments is None else list(arguments)
     write_training_record(options.out, data, given, find_shards(options.data))

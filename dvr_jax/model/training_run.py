@@ -7,7 +7,7 @@ was killed continues to the same result.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax.numpy as jnp
@@ -47,6 +47,7 @@ def train(
     data: TrainingData,
     config: NetworkConfig,
     say: Say = print,
+    reach: Callable[[int], None] | None = None,
 ) -> NetworkParameters:
     """Train from the start, or from the latest checkpoint in `options.out`.
 
@@ -57,6 +58,7 @@ def train(
         data: Data of the run.
         config: Sizes of the network.
         say: Takes a line for the user.
+        reach: Takes the number of each step that is done.
 
     Returns:
         The parameters after the last step.
@@ -72,6 +74,8 @@ def train(
         for step in range(state.step + 1, options.steps + 1):
             state, loss = _train_on_batch(options, data, state, step)
             report.add_loss(step, loss)
+            if reach is not None:
+                reach(step)
 
             if data.validation is not None and _is_due(step, options.validate_every, options.steps):
                 report.add_validation(step, data.validation.measure(state.parameters))

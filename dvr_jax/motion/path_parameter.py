@@ -16,10 +16,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import toppra
 from jaxtyping import Float
-from toppra.algorithm import TOPPRA
-from toppra.constraint import LinearConstraint
+
+from dvr_jax.runtime.lazy_plots import without_plots
+
+with without_plots():
+    import toppra
+    from toppra.algorithm import TOPPRA
+    from toppra.constraint import LinearConstraint
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,6 +30,7 @@ from dvr_jax.operators.proposal import (
     ProposedPoses,
     held_frame,
     of_item,
+    of_switched_object,
     world_gripper,
 )
 from dvr_jax.runtime.compilation import Program
@@ -180,7 +181,6 @@ def _sample_grasp(step: BeamStep, u: Array) -> tuple[Array, GraspFrame]:
     return m, materialize(grasp_frame(m, step.closing_yaw[:, None, None]))
 
 
-@Program
 def propose_grasp(
     step: BeamStep, before: ObjectBefore, u: Float[Array, "numbers candidates proposals"]
 ) -> ProposedPoses:
@@ -191,6 +191,14 @@ def propose_grasp(
         before: How the object is attached before the action.
         u: Uniform random numbers in [0, 1).
     """
+    return _propose_grasp(of_switched_object(step), before, u)
+
+
+@Program
+def _propose_grasp(
+    step: BeamStep, before: ObjectBefore, u: Float[Array, "numbers candidates proposals"]
+) -> ProposedPoses:
+    """Do the work of `propose_grasp`, for the switched objects alone."""
     m, frame = _sample_grasp(step, u)
 
     # The object stands where the scene has it, or where an earlier action has placed it.
@@ -205,7 +213,6 @@ def propose_grasp(
     return ProposedPoses(m, rotation[None], position[None], jnp.zeros_like(m[0]))
 
 
-@Program
 def propose_handover(
     step: BeamStep, before: ObjectBefore, u: Float[Array, "numbers candidates proposals"]
 ) -> ProposedPoses:
@@ -216,6 +223,14 @@ def propose_handover(
         before: How the giving gripper holds the object.
         u: Uniform random numbers in [0, 1).
     """
+    return _propose_handover(of_switched_object(step), before, u)
+
+
+@Program
+def _propose_handover(
+    step: BeamStep, before: ObjectBefore, u: Float[Array, "numbers candidates proposals"]
+) -> ProposedPoses:
+    """Do the work of `propose_handover`, for the switched objects alone."""
     m, taker = _sample_grasp(step, u)
 
     # The object's position is uniform in a box around the meeting region's center. The box is aligned with the line

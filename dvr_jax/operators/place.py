@@ -31,10 +31,12 @@ from dvr_jax.operators.proposal import (
     held_frame,
     of_arm,
     of_item,
+    of_switched_object,
     world_gripper,
 )
 from dvr_jax.runtime.compilation import Program
 from dvr_jax.scene.types import Scene
+from dvr_jax.workcell.clearances import EDGE_MARGIN
 
 TABLE_SUPPORT = "table"
 """Constant of the PDDL domain that stands for the table."""
@@ -90,7 +92,10 @@ def _clear_rectangle(scene: Scene, name: str, support: str) -> Rectangle:
         min(width - hy - radius, depth - hx - radius),
     )
     left = max(room / 4, PLACING_ROOM)
-    edge = max(min(scene.workcell.clearances.region_edge, room - left), 0.0)
+    wanted = scene.workcell.clearances.region_edge
+    if wanted > 0:
+        wanted += EDGE_MARGIN
+    edge = max(min(wanted, room - left), 0.0)
     return Rectangle(rectangle.center, (width - edge, depth - edge), rectangle.yaw)
 
 
@@ -134,7 +139,6 @@ def _switch(state: SkeletonState, action: Action) -> ModeSwitch:
     )
 
 
-@Program
 def propose_place(
     step: BeamStep, before: ObjectBefore, u: Float[Array, "numbers candidates proposals"]
 ) -> ProposedPoses:
@@ -145,6 +149,14 @@ def propose_place(
         before: How the gripper holds the object.
         u: Uniform random numbers in [0, 1).
     """
+    return _propose_place(of_switched_object(step), before, u)
+
+
+@Program
+def _propose_place(
+    step: BeamStep, before: ObjectBefore, u: Float[Array, "numbers candidates proposals"]
+) -> ProposedPoses:
+    """Do the work of `propose_place`, for the switched objects alone."""
     support = [step.support[:, None, None, i] for i in range(5)]
     prism = [of_item(step.prism[..., i], step) for i in range(4)]
 

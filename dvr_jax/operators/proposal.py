@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Float, Int
 
 from dvr_jax.geometry.arrays import Array
@@ -137,6 +138,26 @@ class Proposal:
 
     sibling_penalty: float
     """Penalty on the violation of a proposal for each better sibling [m]; the larger, the more diverse the beam."""
+
+
+def of_switched_object(step: BeamStep) -> BeamStep:
+    """Return the actions with the objects that they switch as the only bodies of their scenes.
+
+    A program that takes them serves scenes with any number of objects and fixed bodies, so that it is compiled once.
+
+    Args:
+        step: The action of each prefix.
+    """
+    prefixes = np.arange(len(step.item))
+    none = slice(0, 0)
+    return step._replace(
+        prism=step.prism[prefixes, step.item][:, None],
+        initial_pose=step.initial_pose[prefixes, step.item][:, None],
+        fixed_prism=step.fixed_prism[:, none],
+        fixed_pose=step.fixed_pose[:, none],
+        clearance=step.clearance[:, none],
+        item=0 * step.item,
+    )
 
 
 def of_item(

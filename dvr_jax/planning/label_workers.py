@@ -2,34 +2,26 @@
 
 from __future__ import annotations
 
-import logging
-import socket
-from collections.abc import Iterator, Sequence
-from concurrent.futures import as_completed
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import jax
 
 from dvr_jax.dataset.labelling import LabelOptions, label_scene
 from dvr_jax.dataset.labels import Label
-from dvr_jax.errors import OptionError
 from dvr_jax.planning.feasibility import passes_check
-from dvr_jax.runtime.processes import worker_processes
+from dvr_jax.runtime.ray_cluster import run_tasks_on_ray
+from dvr_jax.runtime.task_pool import EventKind, TaskEvent, run_tasks
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.work import run_together
-
-CONNECTION_TIMEOUT = 10.0
-"""Longest wait for a cluster's address to answer [s]; Ray itself tries for minutes."""
 
 
 @dataclass(frozen=True, slots=True)
 class LabelTask:
-    """The scenes of one shard, and how they are labeled."""
+    """Scenes of one shard, and how they are labeled."""
 
-    scenes: Sequence[Scene]
-    """Scenes of the shard."""
-    first: int
-    """Index of the first scene in the sweep's file."""
+    scenes: Mapping[int, Scene]
+    """Scenes by their indices in the sweep's file."""
     options: LabelOptions
     """What the labels depend on."""
     width: int
@@ -50,91 +42,60 @@ def label_scenes(
         options: What the labels depend on.
         width: Number of scenes whose solves share a batch; the labels do not depend on it.
 
-    Yields:
-        Index of a scene, and its labels.
+    Returns:
+        An iterator over the indices of the scenes and their labels.
 
     Raises:
         DvrError: The arms are in collision in a scene's initial state.
     """
+    return label_task(LabelTask(dict(enumerate(scenes, start=first)), options, width))
+
+
+def label_task(task: LabelTask) -> Iterator[tuple[int, list[Label]]]:
+    """Yield the index of each scene of a task, and its labels, as it is done; a worker runs this.
+
+    Raises:
+        DvrError: The arms are in collision in a scene's initial state.
+    """
+    indices = list(task.scenes)
     with jax.enable_x64(True):
         computations = (
-            label_scene(scene, first + offset, options, passes_check)
-            for offset, scene in enumerate(scenes)
+            label_scene(scene, index, task.options, passes_check)
+            for index, scene in task.scenes.items()
         )
-        for offset, labels in run_together(computations, width):
-            yield first + offset, labels
+        for number, labels in run_together(computations, task.width):
+            yield indices[number], labels
 
 
-def label_task(task: LabelTask) -> list[Label]:
-    """Return the labels of all scenes of a task; a worker runs this."""
-    labels: list[Label] = []
-    for _, found in label_scenes(task.scenes, task.first, task.options, task.width):
-        labels.extend(found)
+def label_on_workers(
+    tasks: Sequence[LabelTask], workers: int, ray: str | None
+) -> Iterator[tuple[int, list[Label]]]:
+    """Label tasks by processes of this machine, or by the machines of a Ray cluster.
 
-    return labels
-
-
-def label_on_processes(
-    tasks: Sequence[LabelTask], workers: int
-) -> Iterator[tuple[LabelTask, list[Label]]]:
-    """Label tasks by processes of this machine.
+    A task whose process is lost is given to another one, so that scenes can come twice.
 
     Args:
         tasks: Tasks to label.
-        workers: Number of processes, which label one task each at a time.
+        workers: Number of processes of this machine, which label one task each at a time.
+        ray: Address of a Ray cluster whose CPUs take their place; None without one.
 
     Yields:
-        Each task with its labels, as it is done.
-    """
-    with worker_processes(workers) as pool:
-        futures = {pool.submit(label_task, task): task for task in tasks}
-        for future in as_completed(futures):
-            yield futures.pop(future), future.result()
-
-
-def label_on_ray(
-    tasks: Sequence[LabelTask], address: str
-) -> Iterator[tuple[LabelTask, list[Label]]]:
-    """Label tasks by a Ray cluster; tasks of a machine that is lost are given to another one.
-
-    Args:
-        tasks: Tasks to label.
-        address: Address of a running cluster; "auto" means the one that runs on this machine.
-
-    Yields:
-        Each task with its labels, as it is done.
+        Index of a scene, and its labels, as it is done.
 
     Raises:
         OptionError: Ray is not installed, or there is no cluster at the address.
+        DvrError: The arms are in collision in a scene's initial state.
+        WorkerDied: A task was lost repeatedly.
     """
-    try:
-        import ray
-    except ImportError:
-        raise OptionError(
-            "--ray needs Ray, which is not installed; `pip install '.[ray]'` in the repository installs it."
-        ) from None
-
-    try:
-        _require_answer(address)
-        ray.init(address, log_to_driver=False, logging_level=logging.ERROR)
-    except (OSError, ValueError) as error:
-        reason = str(error).splitlines()[0].rstrip(".")
-        raise OptionError(
-            f"--ray {address}: {reason}; valid is the address of a running cluster, or auto."
-        ) from None
-
-    try:
-        remote_label = ray.remote(num_cpus=1, max_retries=-1)(label_task)
-        waiting = {remote_label.remote(task): task for task in tasks}
-        while waiting:
-            (done,), _ = ray.wait(list(waiting), num_returns=1)
-            yield waiting.pop(done), ray.get(done)
-    finally:
-        ray.shutdown()
+    for event in _run(tasks, workers, ray):
+        if event.kind is EventKind.ITEM:
+            yield event.value
+        elif event.kind is EventKind.FAILED:
+            raise event.value
 
 
-def _require_answer(address: str) -> None:
-    """Raise OSError or ValueError unless something listens at an address HOST:PORT; "auto" has no host."""
-    host, _, port = address.removeprefix("ray://").rpartition(":")
-    if host:
-        socket.create_connection((host, int(port)), timeout=CONNECTION_TIMEOUT).close()
+def _run(tasks: Sequence[LabelTask], workers: int, ray: str | None) -> Iterator[TaskEvent]:
+    """Run tasks where they are to run."""
+    if ray is not None:
+        return run_tasks_on_ray(label_task, tasks, ray)
+    return run_tasks(label_task, tasks, workers)

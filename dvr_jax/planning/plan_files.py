@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import platform
 from collections.abc import Sequence
 from importlib.metadata import version
@@ -23,6 +24,8 @@ from dvr_jax.scene.files import scene_from_json, scene_to_json
 from dvr_jax.scene.layout import qpos_layout
 from dvr_jax.scene.mjcf import scene_xml
 from dvr_jax.scene.types import Scene
+from dvr_jax.search.explanation import Refutation
+from dvr_jax.search.reasons import Reason, ReasonKind
 from dvr_jax.search.status import PlanStatus
 
 if TYPE_CHECKING:
@@ -46,6 +49,25 @@ class _ActionFile(msgspec.Struct):
     arguments: tuple[str, ...]
 
 
+class _ReasonFile(msgspec.Struct, forbid_unknown_fields=True):
+    """A reason in plan.json."""
+
+    kind: ReasonKind
+    action: str
+    bodies: tuple[str, ...]
+    amount: float | None
+    """None if it is not known."""
+    sentence: str
+
+
+class _RefutationFile(msgspec.Struct, forbid_unknown_fields=True):
+    """A refuted sequence in plan.json."""
+
+    actions: tuple[_ActionFile, ...]
+    bound: str
+    reason: _ReasonFile
+
+
 class _PlanFile(msgspec.Struct, forbid_unknown_fields=True):
     """Content of plan.json; the fields mean what the fields of `Plan` mean."""
 
@@ -59,6 +81,8 @@ class _PlanFile(msgspec.Struct, forbid_unknown_fields=True):
     path: PathQuality | None
     violations: dict[str, float]
     check: CheckReport | None
+    reason: _ReasonFile | None
+    refuted: tuple[_RefutationFile, ...]
     options: dict[str, str | int | float | None]
     scene: msgspec.Raw
     versions: dict[str, str]
@@ -108,7 +132,7 @@ def encode_plan(plan: Plan) -> bytes:
 
     record = _PlanFile(
         status=plan.status,
-        actions=tuple(_ActionFile(action.operator, action.arguments) for action in plan.actions),
+        actions=_encode_actions(plan.actions),
         action_descriptions=plan.action_descriptions,
         nlps=plan.nlps,
         verdicts=plan.verdicts,
@@ -117,12 +141,40 @@ def encode_plan(plan: Plan) -> bytes:
         path=plan.path,
         violations={kind: float(value) for kind, value in plan.violations.items()},
         check=plan.report,
+        reason=None if plan.reason is None else _encode_reason(plan.reason),
+        refuted=tuple(
+            _RefutationFile(_encode_actions(item.actions), item.bound, _encode_reason(item.reason))
+            for item in plan.refuted
+        ),
         options=plan.options,  # type: ignore[arg-type]
         scene=msgspec.Raw(scene_to_json(plan.scene).encode()),
         versions={"python": platform.python_version(), **versions},
     )
     record.checksum = _checksum_of(record)
     return msgspec.json.format(msgspec.json.encode(record), indent=1) + b"\n"
+
+
+def _encode_actions(actions: Sequence[Action]) -> tuple[_ActionFile, ...]:
+    """Return actions as they stand in plan.json."""
+    return tuple(_ActionFile(action.operator, action.arguments) for action in actions)
+
+
+def _encode_reason(reason: Reason) -> _ReasonFile:
+    """Return a reason as it stands in plan.json."""
+    amount = reason.amount if math.isfinite(reason.amount) else None
+    return _ReasonFile(reason.kind, reason.action, reason.bodies, amount, reason.sentence)
+
+
+def _decode_reason(record: _ReasonFile) -> Reason:
+    """Return the reason of a record."""
+    amount = math.nan if record.amount is None else record.amount
+    return Reason(record.kind, record.action, record.bodies, amount, record.sentence)
+
+
+def _decode_refutation(record: _RefutationFile) -> Refutation:
+    """Return the refuted sequence of a record."""
+    actions = tuple(Action(item.operator, item.arguments) for item in record.actions)
+    return Refutation(actions, record.bound, _decode_reason(record.reason))
 
 
 def load_plan_fields(folder: Path, operators: Sequence[Operator]) -> dict[str, Any]:
@@ -158,6 +210,8 @@ def load_plan_fields(folder: Path, operators: Sequence[Operator]) -> dict[str, A
         "nlps": record.nlps,
         "verdicts": record.verdicts,
         "rejected": record.rejected_by_check,
+        "reason": None if record.reason is None else _decode_reason(record.reason),
+        "refuted": tuple(map(_decode_refutation, record.refuted)),
         "options": dict(record.options),
         "operators": tuple(operators),
     }

@@ -33,22 +33,26 @@ from dvr_jax.planning.networks import choose_search
 from dvr_jax.planning.path_quality import TERMINATIONS, PathQuality, quality_of
 from dvr_jax.planning.result import Plan
 from dvr_jax.scene.types import Scene
+from dvr_jax.search.compile_ahead import compiling_ahead
+from dvr_jax.search.explanation import explain_scene, promising_refutations
 from dvr_jax.search.node import Node
 from dvr_jax.search.predictor import Encoding, Images, SequencePredictor
 from dvr_jax.search.searches import search as run_search
 from dvr_jax.search.session import Outcome
 from dvr_jax.search.tree import SequenceTree
-from dvr_jax.search.warm import warming_up
 from dvr_jax.solver.lane_pool import NlpSolution
 from dvr_jax.solver.state import Termination
 
 __all__ = ["Plan", "plan"]
 
+USUAL_K_MAX = 6
+"""Largest number of actions of the sequences that are searched first if the caller states none."""
+
 
 def plan(
     scene: Scene,
     search: str = "dvr",
-    k_max: int = 6,
+    k_max: int | None = None,
     seed: int = 0,
     time_limit: float = 300.0,
     progress: Callable[[str], None] | None = None,
@@ -57,6 +61,7 @@ def plan(
     checks: Sequence[OperatorCheck] = CHECKS,
     clearance: float = 1.0,
     termination: str = "optimal",
+    shortest: bool = False,
 ) -> Plan:
     """Find a sequence of actions that solves a scene, and a motion that carries it out and passes the check.
 
@@ -64,7 +69,8 @@ def plan(
         scene: Valid scene.
         search: "dvr" (guided by a network as in the paper), "classifier" (guided by a feasibility classifier), "mbts"
             (multi-bound tree search) or "bfs" (breadth-first search).
-        k_max: Largest number of actions, 1 to 50.
+        k_max: Largest number of actions, 1 to 50. None allows 6 actions, and if no sequence of so many solves the
+            scene, up to the lower bound on the number of actions plus 4.
         seed: Seed of all sampling, from 0. The same seed gives the same plan.
         time_limit: Time after which the search gives up [s]. The clock is read between batches, so the search can
             exceed the limit by a few seconds. The time includes compilation, which takes most of a minute for the
@@ -77,6 +83,8 @@ def plan(
         clearance: Factor of the workcell's clearances, from 0 to 3.
         termination: "optimal" if the path is optimized until it satisfies the KKT conditions, or "feasible" if the
             first feasible path will do, whose motion takes longer.
+        shortest: Whether the plan has the least number of actions. After a plan was found, all shorter sequences are
+            judged, unless the lower bound on the number of actions shows that there is none.
 
     Returns:
         The plan. Its status says whether a motion was found, and if not, why the search ended.
@@ -86,6 +94,9 @@ def plan(
         DvrError: The arms are in collision in the scene's initial state, or the scene is too large for the network.
     """
     scene = require_scene(scene)
+    is_limit_open = k_max is None
+    if k_max is None:
+        k_max = USUAL_K_MAX
     k_max = require_integer("k_max", k_max, least=1, most=LARGEST_K_MAX)
     seed = require_integer("the seed", seed, least=0)
     time_limit = require_positive("the time limit", time_limit, "s")
@@ -112,6 +123,7 @@ def plan(
         "time_limit": time_limit if math.isfinite(time_limit) else None,
         "clearance": clearance,
         "termination": termination,
+        "shortest": shortest,
     }
     rest = resting_plan(scene, operators, checks, options)
     if rest is not None:
@@ -121,7 +133,8 @@ def plan(
     # Tolerances of a micrometer need double precision. It is switched on here and not on import, because the import of
     # a package must not change the programs of others.
     mode = Termination[termination.upper()]
-    with jax.enable_x64(True), warming_up(planned, k_max, chosen_network, operators, mode):
+    ahead = compiling_ahead(planned, k_max, chosen_network, operators, mode)
+    with jax.enable_x64(True), ahead as watch:
         outcome = run_search(
             search,
             tree,
@@ -129,7 +142,13 @@ def plan(
             acceptance.progress,
             chosen_network,
             mode,
+            watch,
+            is_limit_open=is_limit_open,
+            shortest=shortest,
         )
+    if is_limit_open and outcome.node is None:
+        # The search has raised the limit to this number.
+        options["k_max"] = tree.k_max
 
     found = _make_plan(tree, outcome, acceptance, options, total_seconds=time.monotonic() - begin)
     return replace(found, scene=scene)
@@ -203,6 +222,8 @@ def _make_plan(
         nlps=dict(tree.counts.nlps),
         verdicts=dict(tree.counts.verdicts),
         rejected=acceptance.rejected,
+        reason=explain_scene(tree) if outcome.node is None else None,
+        refuted=tuple(promising_refutations(tree)) if outcome.node is None else (),
         options=options,
         operators=tuple(tree.operators),
     )

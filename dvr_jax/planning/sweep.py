@@ -1,15 +1,14 @@
 """Sweeps: labels for the action sequences of many scenes, kept shard by shard, so that a sweep can be stopped.
 
 The folder of a sweep holds one Parquet shard (`dvr_jax.dataset.shards`) for each so many consecutive scenes, and
-`_manifest.json`. A shard is written whole once all its scenes are done. A sweep that was killed goes on with the shards
-that are missing, and ends with the same rows: they depend neither on the number of workers nor on what shares a batch.
+`_manifest.json`. A shard is written whole once all its scenes are done; until then, a journal keeps the labels of
+each scene (`dvr_jax.planning.label_journal`). A sweep that was killed goes on with the scenes that are missing, and
+ends with the same rows: they depend neither on the number of workers nor on what shares a batch.
 """
 
 from __future__ import annotations
 
-import sys
-import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -17,11 +16,12 @@ from dvr_jax import __version__
 from dvr_jax.dataset.folder_manifest import write_manifest
 from dvr_jax.dataset.footer import ShardInfo
 from dvr_jax.dataset.labelling import LabelOptions
-from dvr_jax.dataset.labels import Label
 from dvr_jax.dataset.shards import list_shards, read_columns, write_shard
 from dvr_jax.errors import DataError, OptionError
-from dvr_jax.planning.label_workers import LabelTask, label_on_processes, label_on_ray, label_scenes
+from dvr_jax.planning.label_journal import LabelJournal
+from dvr_jax.planning.label_workers import LabelTask, label_on_workers, label_scenes
 from dvr_jax.runtime.files import require_folder
+from dvr_jax.runtime.progress import Progress
 from dvr_jax.scene.files import are_equal_but_for_rounding, load_scenes, scene_from_json
 from dvr_jax.scene.types import Scene
 
@@ -74,8 +74,8 @@ def sweep(request: Sweep, command: Sequence[str] = ()) -> None:
     for info in finished:
         _require_same_sweep(request, info, scenes)
 
-    tasks = _missing_tasks(request, scenes, finished)
-    _label_and_write(request, tasks, number_of_scenes=len(scenes))
+    shards = _missing_shards(request, len(scenes), finished)
+    _label_and_write(request, scenes, shards)
     write_manifest(request.out, list(command))
 
 
@@ -103,52 +103,64 @@ def _require_same_sweep(request: Sweep, info: ShardInfo, scenes: Sequence[Scene]
         raise DataError(f"{info.path} holds other scenes than {request.scenes}; {advice}.")
 
 
-def _missing_tasks(
-    request: Sweep, scenes: Sequence[Scene], finished: Sequence[ShardInfo]
-) -> list[LabelTask]:
-    """Return one task for each shard that is missing; refuse shards of another size."""
+def _missing_shards(
+    request: Sweep, number_of_scenes: int, finished: Sequence[ShardInfo]
+) -> list[range]:
+    """Return the scenes of each shard that is missing; refuse shards of another size."""
     covered = {index for info in finished for index in info.scenes}
-    tasks = []
+    missing = []
 
-    for first in range(0, len(scenes), request.shard):
-        stop = min(first + request.shard, len(scenes))
-        indices = range(first, stop)
+    for first in range(0, number_of_scenes, request.shard):
+        indices = range(first, min(first + request.shard, number_of_scenes))
         if covered.issuperset(indices):
             continue
         if covered.intersection(indices):
             raise OptionError(
-                f"--shard is {request.shard}; scenes {first} to {stop - 1} are in shards of another size."
+                f"--shard is {request.shard}; scenes {first} to {indices[-1]} are in shards of another size."
             )
-        tasks.append(LabelTask(scenes[first:stop], first, request.labelling, request.width))
+        missing.append(indices)
 
-    return tasks
-
-
-def _label(request: Sweep, tasks: Sequence[LabelTask]) -> Iterator[tuple[LabelTask, list[Label]]]:
-    """Yield each task with its labels, as it is done."""
-    if request.ray is not None:
-        return label_on_ray(tasks, request.ray)
-    return label_on_processes(tasks, request.workers)
+    return missing
 
 
-def _label_and_write(request: Sweep, tasks: Sequence[LabelTask], number_of_scenes: int) -> None:
-    """Label tasks, write the shard of each one as it is done, and report the progress."""
-    total = sum(len(task.scenes) for task in tasks)
-    begin = time.monotonic()
-    count = 0
+def _divide(shards: Sequence[list[int]], workers: int) -> list[list[int]]:
+    """Divide the scenes of shards into tasks, so that each worker has one even if there are fewer shards."""
+    if not shards:
+        return []
 
-    for task, labels in _label(request, tasks):
-        path = request.out / f"labels-{task.first:06d}.parquet"
-        indexed = dict(enumerate(task.scenes, start=task.first))
-        write_shard(path, indexed, labels, request.footer)
+    parts = -(-workers // len(shards))
+    return [shard[part::parts] for shard in shards for part in range(parts) if shard[part::parts]]
 
-        count += len(task.scenes)
-        seconds = time.monotonic() - begin
-        hourly = 3600 * count / seconds
-        minutes_left = (total - count) * seconds / count / 60
-        print(
-            f"{number_of_scenes - total + count} of {number_of_scenes} scenes, {hourly:.0f} an hour, "
-            f"{minutes_left:.0f} min to go",
-            file=sys.stderr,
-            flush=True,
-        )
+
+def _label_and_write(request: Sweep, scenes: Sequence[Scene], shards: Sequence[range]) -> None:
+    """Label the scenes of shards, keep the labels of each scene, and write each shard once its scenes are done."""
+    journal = LabelJournal(request.out, request.footer, scenes)
+    waiting = {indices: set(indices) - journal.labels.keys() for indices in shards}
+    shard_of = {index: indices for indices in shards for index in indices}
+    pieces = _divide([sorted(left) for left in waiting.values() if left], request.workers)
+    tasks = [
+        LabelTask({index: scenes[index] for index in piece}, request.labelling, request.width)
+        for piece in pieces
+    ]
+
+    def write_if_complete(indices: range) -> None:
+        """Write a shard if all of its scenes are done."""
+        if waiting[indices]:
+            return
+        labels = [label for index in indices for label in journal.labels[index]]
+        path = request.out / f"labels-{indices.start:06d}.parquet"
+        write_shard(path, {index: scenes[index] for index in indices}, labels, request.footer)
+        journal.remove(indices)
+
+    for indices in shards:
+        write_if_complete(indices)
+
+    done = len(scenes) - sum(map(len, waiting.values()))
+    with Progress("labeling", len(scenes), "scenes", done) as progress:
+        for index, labels in label_on_workers(tasks, request.workers, request.ray):
+            indices = shard_of[index]
+            if index in waiting[indices]:
+                journal.add(index, labels)
+                waiting[indices].remove(index)
+                write_if_complete(indices)
+                progress.advance()

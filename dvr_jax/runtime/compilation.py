@@ -7,12 +7,13 @@ import os
 import pickle
 import platform
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import lru_cache
 from importlib.metadata import version
 from operator import attrgetter
 from pathlib import Path
-from threading import Lock
+from threading import Lock, get_ident
 from typing import Any, Generic, ParamSpec, TypeVar
 
 import jax
@@ -20,7 +21,15 @@ import jax.numpy as jnp
 import numpy as np
 from jax.experimental import serialize_executable
 
-from dvr_jax.runtime.program_files import PREFIX, cache_folder, read_entry, write_entry
+from dvr_jax.runtime.file_lock import only_process
+from dvr_jax.runtime.load_ahead import load_in_background, take_loaded
+from dvr_jax.runtime.program_files import (
+    PREFIX,
+    cache_folder,
+    make_folder,
+    read_entry,
+    write_entry,
+)
 
 CPU_OPTIONS: dict[str, Any] = {
     "xla_cpu_multi_thread_eigen": False,
@@ -88,7 +97,7 @@ class Program(Generic[_P, _R]):
 
     def _get_ready(self, key: tuple[Any, ...], args: tuple[Any, ...]) -> Callable[..., _R]:
         """Return the executable of a key, which another thread may be compiling at the same time."""
-        with self._locks[key]:
+        with _noted_as_waiting(self._function.__qualname__), self._locks[key]:
             compiled = self._compiled.get(key)
             if compiled is None:
                 compiled = self._load_or_compile(key, args)
@@ -99,7 +108,14 @@ class Program(Generic[_P, _R]):
     def _compile(self, args: tuple[Any, ...]) -> jax.stages.Compiled:
         """Compile the function for arguments of these shapes."""
         options = CPU_OPTIONS if jax.default_backend() == "cpu" else {}
-        return jax.jit(self._function, compiler_options=options).lower(*args).compile()
+        for observer in list(_observers):
+            observer()
+
+        _compiling.append(self._function.__qualname__)
+        try:
+            return jax.jit(self._function, compiler_options=options).lower(*args).compile()
+        finally:
+            _compiling.remove(self._function.__qualname__)
 
     def _load_or_compile(self, key: tuple[Any, ...], args: tuple[Any, ...]) -> Callable[..., _R]:
         """Return the executable from the disk, or compile it and keep it there."""
@@ -107,10 +123,18 @@ class Program(Generic[_P, _R]):
         if path is None:
             return self._compile(args)
 
-        loaded = _load_executable(path)
+        loaded = take_loaded(path) or _load_executable(path)
+        _used.append(path.name)
         if loaded is not None:
             return loaded
 
+        # Another process may be compiling the same program. Then this one waits and loads what the other has written.
+        make_folder(path.parent)
+        with only_process(path.with_suffix(".lock")):
+            return _load_executable(path) or self._compile_and_keep(path, args)
+
+    def _compile_and_keep(self, path: Path, args: tuple[Any, ...]) -> Callable[..., _R]:
+        """Compile the function and write the executable to the disk."""
         compiled = self._compile(args)
         # What JAX's own cache gives back cannot be serialized again, because the copy lacks its functions. And if the
         # sources were edited since this process read them, the executable is not the one of the edited sources.
@@ -131,6 +155,87 @@ class Program(Generic[_P, _R]):
 
         digest = hashlib.sha256(text.encode()).hexdigest()
         return cache / _environment_folder() / f"{name}-{digest[:32]}.executable"
+
+
+_used: list[str] = []
+"""Names of the files of the programs that this process has called, in the order of their first calls."""
+
+
+def load_programs_of(purpose: str) -> None:
+    """Begin to load the programs that the last run for the same purpose used, in another thread.
+
+    Args:
+        purpose: What the process is going to do, as a part of a file's name.
+    """
+    cache = cache_folder()
+    if cache is None:
+        return
+
+    folder = cache / _environment_folder()
+    content = read_entry(folder / f"{purpose}.txt")
+    if content is not None:
+        names = content.decode().split()
+        load_in_background([folder / name for name in names], _load_executable)
+
+
+def keep_programs_of(purpose: str) -> None:
+    """Keep in mind which programs this process has used, for `load_programs_of`.
+
+    Args:
+        purpose: What the process has done, as a part of a file's name.
+    """
+    cache = cache_folder()
+    if cache is not None and _used:
+        content = "".join(f"{name}\n" for name in _used).encode()
+        write_entry(cache / _environment_folder() / f"{purpose}.txt", content)
+
+
+_waiting: dict[int, str] = {}
+"""Names of the programs that threads wait for, while they are compiled or loaded, by thread."""
+
+_compiling: list[str] = []
+"""Names of the programs that are being compiled."""
+
+_observers: list[Callable[[], None]] = []
+"""Functions that are called when a program is about to be compiled."""
+
+
+@contextmanager
+def _noted_as_waiting(name: str) -> Iterator[None]:
+    """Keep the name of the program that this thread waits for while the block runs."""
+    _waiting[get_ident()] = name
+    try:
+        yield
+    finally:
+        del _waiting[get_ident()]
+
+
+@contextmanager
+def when_compiling(observer: Callable[[], None]) -> Iterator[None]:
+    """Call a function each time that a program has to be compiled while the block runs.
+
+    Args:
+        observer: Function that is called by the thread that compiles, before it does so.
+    """
+    _observers.append(observer)
+    try:
+        yield
+    finally:
+        _observers.remove(observer)
+
+
+def compiling_programs() -> list[str]:
+    """Return the names of the programs that are being compiled, by all threads."""
+    return list(_compiling)
+
+
+def awaited_program(thread: int) -> str | None:
+    """Return the name of the program that a thread waits for, to be compiled or loaded; None if it waits for none.
+
+    Args:
+        thread: Identifier of the thread, as `threading.get_ident` returns it.
+    """
+    return _waiting.get(thread)
 
 
 def _identity(tree: Any) -> Any:

@@ -97,18 +97,28 @@ def _start_worker(
     prepare: Callable[..., object] | None,
     arguments: tuple[object, ...],
 ) -> None:
-    """Bind this worker to a core, tie its life to its parent's, and prepare it for its tasks."""
+    """Prepare this worker of a pool, which takes the next of the cores."""
+    prepare_worker(parent, None if cores.empty() else cores.get())
+
+    if prepare is not None:
+        prepare(*arguments)
+
+
+def prepare_worker(parent: int, core: int | None) -> None:
+    """Bind this process, a worker, to a core, and tie its life to its parent's.
+
+    Args:
+        parent: Process that started the worker.
+        core: The core; None where processes cannot be bound.
+    """
     # Ctrl-C reaches all processes of a terminal. The parent alone handles it, and ends the workers.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     watch = threading.Thread(target=_end_with_parent, args=(parent,), daemon=True)
     watch.start()
 
-    if not cores.empty():
-        os.sched_setaffinity(0, {cores.get()})
-
-    if prepare is not None:
-        prepare(*arguments)
+    if core is not None:
+        os.sched_setaffinity(0, {core})
 
 
 def _end_with_parent(parent: int) -> None:

@@ -72,14 +72,18 @@ def write_entry(path: Path, content: bytes) -> None:
         content: What `read_entry` shall return.
     """
     with suppress(OSError):
-        folder = path.parent
+        make_folder(path.parent)
+        if is_private(path.parent):
+            write_whole(path, HEADER + _digest(path.name, content) + content)
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder of executables for this user alone, if it is missing; then remove the oldest ones beside it."""
+    with suppress(OSError):
         if not folder.is_dir():
             folder.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             folder.mkdir(mode=0o700, exist_ok=True)
             _remove_oldest(folder.parent)
-
-        if is_private(folder):
-            write_whole(path, HEADER + _digest(path.name, content) + content)
 
 
 def is_private(path: Path) -> bool:

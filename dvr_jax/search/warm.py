@@ -1,11 +1,9 @@
-"""Compile, or load, all programs that searches on scenes of one size use: beforehand, or beside a search."""
+"""Compile, or load, all programs that searches on scenes of one size use."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from functools import partial
-from threading import Event, Thread
 
 import jax
 import jax.numpy as jnp
@@ -21,7 +19,7 @@ from dvr_jax.search.predictor import Encoding, Images, SequencePredictor
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.seeds.beam_batches import BeamTask, extend_beams
 from dvr_jax.seeds.initial_paths import initial_path, optimal_path_problem, path_problem
-from dvr_jax.seeds.keyframe_beam import empty_beam
+from dvr_jax.seeds.keyframe_beam import beam_capacity, empty_beam
 from dvr_jax.solver.continuous_collision import sample_penetration
 from dvr_jax.solver.lane_pool import solve, stack
 from dvr_jax.solver.sequential import SequentialSettings
@@ -30,11 +28,8 @@ from dvr_jax.workcell.model import WorkcellModel, workcell_model
 
 Job = Callable[[], None]
 
-_ready: set[Hashable] = set()
-"""Sizes of the scenes whose programs this process has."""
 
-
-class _Programs:
+class Programs:
     """Calls that compile the programs of scenes like a given one."""
 
     def __init__(self, scene: Scene, k_max: int, operators: Sequence[Operator]) -> None:
@@ -84,7 +79,8 @@ class _Programs:
     def extend(self, lanes: int) -> None:
         """Extend a beam along the sequence, so many prefixes at a time."""
         problem = self.problems[1]
-        beam = empty_beam(len(problem.prism), self.k_max, len(problem.home))
+        capacity = beam_capacity(self.k_max)
+        beam = empty_beam(len(problem.prism), capacity, len(problem.home))
         for length, proposal in enumerate(self.proposals, start=1):
             (beam,) = extend_beams(
                 self.model, [BeamTask(beam, self.problems[length], proposal)], [lanes], 0
@@ -136,7 +132,6 @@ def warm_up(
     scene: Scene,
     k_max: int = 6,
     network: SequencePredictor[Images, Encoding] | None = None,
-    stop: Callable[[], bool] = lambda: False,
     operators: Sequence[Operator] = OPERATORS,
     termination: Termination = Termination.OPTIMAL,
 ) -> None:
@@ -146,99 +141,52 @@ def warm_up(
         scene: Any scene of the size that is wanted; what it asks for is not solved.
         k_max: Largest number of actions.
         network: The network that guides the search, if any.
-        stop: Asked between programs whether the rest is no longer needed.
         operators: The operators that are known.
         termination: Whether paths will be optimized.
     """
     with jax.enable_x64(True):
-        programs = _Programs(scene, k_max, operators)
-        for job in _jobs(programs, scene, network, termination):
-            if stop():
-                return
+        programs = Programs(scene, k_max, operators)
+        for job in all_jobs(programs, scene, network, termination):
             job()
-    _ready.add(_key(scene, k_max, network, operators, termination))
 
 
-def _jobs(
-    programs: _Programs,
+def all_jobs(
+    programs: Programs,
     scene: Scene,
     network: SequencePredictor[Images, Encoding] | None,
     termination: Termination,
 ) -> list[Job]:
-    """What has to be compiled, in the order in which a search comes to need it."""
+    """Return what has to be compiled, in the order in which a search without a network comes to need it.
+
+    Args:
+        programs: Calls that compile.
+        scene: Scene of the size that is wanted.
+        network: The network that guides the search, if any.
+        termination: Whether paths will be optimized.
+    """
     lengths = list(programs.problems)
-    keyframes = {length: partial(programs.solve_keyframes, length) for length in lengths}
-    paths = {length: partial(programs.solve_path, length) for length in lengths}
-    is_optimal = termination == Termination.OPTIMAL
-    optima = {length: partial(programs.optimize_path, length) for length in lengths if is_optimal}
     sizes = batch_sizes()
-    lane_numbers = [*([1] if sizes.few else []), sizes.beam_lanes]
-    extensions = [partial(programs.extend, lanes) for lanes in lane_numbers]
-    if network is None:
-        return [*keyframes.values(), *reversed(extensions), *paths.values(), *optima.values()]
+    lane_numbers = [sizes.beam_lanes, *([1] if sizes.few else [])]
 
-    # A guided search extends beams itself meanwhile; the prefixes and paths that it then has to solve are seldom the
-    # shortest or the longest, so these come last.
-    middle = (1 + len(lengths)) / 2 - 0.25
-    from_middle = sorted(lengths, key=lambda length: abs(length - middle))
-    jobs: list[Job] = [partial(_query, programs, scene, network)]
-    for part in (from_middle[:-2], from_middle[-2:]):
-        jobs += [keyframes[length] for length in part]
-        jobs += [paths[length] for length in part]
-        jobs += [optima[length] for length in part if is_optimal]
-    return [*jobs, *extensions]
+    jobs: list[Job] = [] if network is None else [partial(query, programs, scene, network)]
+    jobs += [partial(programs.solve_keyframes, length) for length in lengths]
+    jobs += [partial(programs.extend, lanes) for lanes in lane_numbers]
+    jobs += [partial(programs.solve_path, length) for length in lengths]
+    if termination == Termination.OPTIMAL:
+        jobs += [partial(programs.optimize_path, length) for length in lengths]
+    return jobs
 
 
-def _query(programs: _Programs, scene: Scene, network: SequencePredictor[Images, Encoding]) -> None:
-    """Ask a network for one child and for as many as there may be."""
+def query(programs: Programs, scene: Scene, network: SequencePredictor[Images, Encoding]) -> None:
+    """Ask a network for one child and for as many as there may be.
+
+    Args:
+        programs: Calls that compile.
+        scene: Scene of the size that is wanted.
+        network: The network.
+    """
     tree = SequenceTree(scene, programs.k_max, operators=programs.operators)
     encoding = network.encode_scene(scene, tree.grounding)
     widest = len(tree.grounding.applicable(tree.grounding.initial_state))
     for children in (1, widest):
         network.predict(encoding, encoding.initial_hidden(), range(children))
-
-
-def _key(
-    scene: Scene,
-    k_max: int,
-    network: SequencePredictor[Images, Encoding] | None,
-    operators: Sequence[Operator],
-    termination: Termination,
-) -> Hashable:
-    """Equal for scenes and networks that use the same programs."""
-    structure = workcell_model(scene.workcell).structure
-    names = tuple(operator.name for operator in operators)
-    size = None if network is None else network.size
-    return structure, len(scene.objects), len(scene.fixed), k_max, size, names, termination
-
-
-@contextmanager
-def warming_up(
-    scene: Scene,
-    k_max: int,
-    network: SequencePredictor[Images, Encoding] | None,
-    operators: Sequence[Operator] = OPERATORS,
-    termination: Termination = Termination.OPTIMAL,
-) -> Iterator[None]:
-    """Compile on another core what the work inside will soon need, unless this process has it.
-
-    Args:
-        scene: The scene of the work inside.
-        k_max: Largest number of actions.
-        network: The network that guides the search, if any.
-        operators: The operators that are known.
-        termination: Whether paths will be optimized.
-    """
-    if _key(scene, k_max, network, operators, termination) in _ready:
-        yield
-        return
-    done = Event()
-    thread = Thread(
-        target=warm_up, args=(scene, k_max, network, done.is_set, operators, termination)
-    )
-    thread.start()
-    try:
-        yield
-    finally:
-        # It ends with the program that it is at.
-        done.set()

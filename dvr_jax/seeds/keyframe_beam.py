@@ -49,6 +49,7 @@ from dvr_jax.operators.proposal import (
     Proposal,
     ProposedPoses,
     of_arm,
+    of_switched_object,
 )
 from dvr_jax.runtime.compilation import Program
 from dvr_jax.workcell.model import WorkcellModel
@@ -74,6 +75,15 @@ constraints other than penetration and overhang exactly."""
 
 UNREACHABLE = 10.0
 """Violation that is assigned to a proposal for which inverse kinematics has no solution [m]."""
+
+
+BEAM_CAPACITY = 12
+"""Number of actions that beams have room for, so that searches with different `k_max` share compiled programs."""
+
+
+def beam_capacity(k_max: int) -> int:
+    """Return the number of actions that the beams of a search with this largest number of actions have room for."""
+    return max(k_max, BEAM_CAPACITY)
 
 
 class KeyframeBeam(NamedTuple):
@@ -218,19 +228,22 @@ def extend_beam(
         beam.parameters[prefixes, :, step.item],
     )
 
-    # Stage 1: mode parameters, and the gripper poses that belong to them.
+    # Stage 1: mode parameters, and the gripper poses that belong to them. Up to the choice of the most promising
+    # proposals, nothing depends on the other objects.
     proposed = proposal.propose(step, before, uniform[:UNIFORM_NUMBERS])
+
+    alone = of_switched_object(step)
 
     # Stage 2: joint angles. The acting arm comes first; in a handover the giving arm follows.
     numbers = np.split(uniform[UNIFORM_NUMBERS:], 2)
     arms = (step.acting_arm, step.giving_arm)[: len(proposed.position)]
     reached = [
-        _reach(model, step, arm, R, p, u)
+        _reach(model, alone, arm, R, p, u)
         for arm, R, p, u in zip(arms, proposed.rotation, proposed.position, numbers, strict=False)
     ]
 
     # Stages 3 and 4: distances of the most promising proposals, and the choice of the new candidates.
-    candidates = _choose(model, beam, step, proposed, tuple(reached))
+    candidates = _choose(model, beam.violation, alone, proposed, tuple(reached))
     penetration = _penetration(model, beam, step, candidates)
     return _select(beam, step, candidates, penetration)
 
@@ -308,7 +321,7 @@ def _sample_free_angles(
 @Program
 def _choose(
     model: WorkcellModel,
-    beam: KeyframeBeam,
+    violation: Float[Array, "prefixes candidates"],
     step: BeamStep,
     proposed: ProposedPoses,
     reached: tuple[_Reached, ...],
@@ -321,7 +334,7 @@ def _choose(
     cost = reached[0].cost
     for other in reached[1:]:
         cost = cost + other.cost
-    total = cost + overhang + beam.violation[:, :, None]
+    total = cost + overhang + violation[:, :, None]
     _, chosen = jax.lax.top_k(-total.reshape(M, B * J), EVALUATED)
 
     def gather(value: Array) -> Array:

@@ -1,0 +1,295 @@
+"""Compile beside a search what it will soon need, on a machine that does not have its programs yet.
+
+The programs of a plan depend on the number of its actions. The network's most promising sequence is usually right, so
+its number of actions is assumed, and the programs of the path of this length are compiled while the search still
+samples keyframes. The requests of the search tell if it turns to other sequences. Nothing is done before the search
+meets a program that the disk does not have.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from enum import Enum
+from functools import partial
+from threading import Event, Lock, Thread, get_ident
+from typing import Any, TypeVar
+
+import jax
+
+from dvr_jax.operators import Operator
+from dvr_jax.runtime.compilation import awaited_program, when_compiling
+from dvr_jax.scene.types import Scene
+from dvr_jax.search.node import Node
+from dvr_jax.search.predictor import Encoding, Images, SequencePredictor
+from dvr_jax.search.searches import steps_of
+from dvr_jax.search.session import SearchSession
+from dvr_jax.search.tree import SequenceTree
+from dvr_jax.search.warm import Job, Programs, all_jobs
+from dvr_jax.search.work import ExtendBeams, Request, Steps, run_alone
+from dvr_jax.solver.state import Settings, Termination
+
+T = TypeVar("T")
+"""Type of a search's result."""
+
+HELPERS = 2
+"""Number of threads that compile beside the search. While the search waits for a program, both cores of a small
+machine have work."""
+
+IDLE_WAIT = 0.1
+"""Time between two looks at whether the search waits for a program [s]."""
+
+_is_allowed = True
+"""Whether this process has cores to spare."""
+
+
+def compile_nothing_ahead() -> None:
+    """Let this process compile a program only when it is called, because the process has a single core."""
+    global _is_allowed
+    _is_allowed = False
+
+
+Watch = Callable[[Steps[T]], Steps[T]]
+"""Function that passes the requests of a search on, and looks at them."""
+
+
+@contextmanager
+def compiling_ahead(
+    scene: Scene,
+    k_max: int,
+    network: SequencePredictor[Images, Encoding] | None,
+    operators: Sequence[Operator],
+    termination: Termination,
+) -> Iterator[Watch[Any]]:
+    """Compile on other cores what the work inside will soon need, from the first program on that it has to compile.
+
+    Args:
+        scene: The scene of the work inside.
+        k_max: Largest number of actions.
+        network: The network that guides the search, if any.
+        operators: The operators that are known.
+        termination: Whether paths will be optimized.
+
+    Yields:
+        A function through which the requests of the search are to pass.
+    """
+    if not _is_allowed or (os.cpu_count() or 1) == 1:
+        yield lambda steps: steps
+        return
+
+    helpers = _Helpers(scene, k_max, network, operators, termination)
+    try:
+        with when_compiling(helpers.start):
+            yield helpers.watch
+    finally:
+        # Each thread ends with the program that it is at.
+        helpers.stop()
+
+
+def likely_length(
+    scene: Scene,
+    k_max: int,
+    network: SequencePredictor[Images, Encoding],
+    operators: Sequence[Operator],
+) -> int:
+    """Return the number of actions of the sequence whose path a guided search will try first if no bound refutes it.
+
+    Args:
+        scene: The scene.
+        k_max: Largest number of actions.
+        network: The network that guides the search.
+        operators: The operators that are known.
+    """
+    tree = SequenceTree(scene, k_max, operators=operators)
+    session = _FirstLeaves(tree, accept=lambda *_: False, progress=lambda _: None)
+    try:
+        run_alone(steps_of(network.kind, session, network))
+    except _Found as found:
+        return found.length
+    return k_max
+
+
+class _Found(Exception):
+    """The first sequences that a search judges are known."""
+
+    def __init__(self, length: int) -> None:
+        """Keep the number of actions of the first of them."""
+        super().__init__()
+        self.length = length
+
+
+class _FirstLeaves(SearchSession):
+    """A search that ends where the first bound of a complete sequence would be computed."""
+
+    def judge_scene(self) -> Steps[bool]:
+        """Return True: the relaxation is left out, because it needs compiled programs."""
+        yield from ()
+        return True
+
+    def judge_prefix_chains(
+        self, leaves: list[Node], relax_first: bool = False
+    ) -> Steps[list[Node]]:
+        """Raise `_Found`."""
+        raise _Found(leaves[0].depth)
+
+    def judge_leaves(self, leaves: list[Node]) -> Steps[list[Node]]:
+        """Raise `_Found`."""
+        raise _Found(leaves[0].depth)
+
+
+class _JobKind(Enum):
+    """What a job compiles; the values are methods of `Programs`."""
+
+    KEYFRAMES = "solve_keyframes"
+    PATH = "solve_path"
+    OPTIMUM = "optimize_path"
+
+
+@dataclass(frozen=True, slots=True)
+class _Job:
+    """The programs of one kind of NLP with one number of actions."""
+
+    kind: _JobKind
+    length: int
+
+    def bound_to(self, programs: Programs) -> Job:
+        """Return the call that compiles the programs."""
+        return partial(getattr(programs, self.kind.value), self.length)
+
+
+def _jobs_of_length(length: int, is_optimal: bool) -> list[_Job]:
+    """Return what a search needs if its first sequence has this length and is right, in the order of compilation.
+
+    Most sequences of two actions need no keyframe NLP, because a sample proves that they are feasible.
+    """
+    keyframes = [_Job(_JobKind.KEYFRAMES, number) for number in range(2, length + 1)]
+    optimum = [_Job(_JobKind.OPTIMUM, length)] if is_optimal else []
+    early = keyframes[:2] if length > 2 else []
+    late = keyframes[len(early) :]
+    return [_Job(_JobKind.PATH, length), *early, *optimum, *late]
+
+
+class _Helpers:
+    """Threads that compile, one job each at a time."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        k_max: int,
+        network: SequencePredictor[Images, Encoding] | None,
+        operators: Sequence[Operator],
+        termination: Termination,
+    ) -> None:
+        """Keep in mind what the search is; no thread is started yet."""
+        self.scene = scene
+        self.k_max = k_max
+        self.network = network
+        self.operators = operators
+        self.is_optimal = termination == Termination.OPTIMAL
+        self.termination = termination
+        self._lock = Lock()
+        self._has_started = False
+        self._ended = Event()
+        self._searcher = get_ident()
+        self._programs: Programs | None = None
+        self._length: int | None = None
+        """Number of actions of the path that the search is going to solve, or solves."""
+        self._is_guess = True
+        """Whether this number comes from the network."""
+        self._soon: list[_Job] = []
+        """Programs that the search is likely to need."""
+        self._later: list[Job] = []
+        """Programs that other sequences and other scenes need."""
+
+    def start(self) -> None:
+        """Start the threads unless they run already."""
+        with self._lock:
+            if self._has_started:
+                return
+            self._has_started = True
+        Thread(target=self._begin).start()
+
+    def stop(self) -> None:
+        """Let the threads end with the programs that they are at."""
+        self._ended.set()
+
+    def watch(self, steps: Steps[T]) -> Steps[T]:
+        """Pass the requests of a search on, and learn from them what it will need."""
+        reply: Any = None
+        while True:
+            try:
+                request = steps.send(reply)
+            except StopIteration as stop:
+                result: T = stop.value
+                return result
+            self._learn(request)
+            reply = yield request
+
+    def _learn(self, request: Request) -> None:
+        """Correct the number of actions of the path."""
+        if isinstance(request, ExtendBeams):
+            # Several sequences are judged at a time only after the most promising one has failed.
+            if self._is_guess and len(request.tasks) > 1:
+                self._expect_path(None)
+            return
+
+        if not request.starts:
+            return
+        slices, phases = (len(part) for part in request.starts[0])
+        if slices > phases and isinstance(request.settings, Settings):
+            self._is_guess = False
+            if phases != self._length:
+                self._expect_path(phases)
+
+    def _expect_path(self, length: int | None) -> None:
+        """Replace the programs of the path by those of another length, or by none."""
+        with self._lock:
+            self._length = length
+            self._soon = [job for job in self._soon if job.kind is _JobKind.KEYFRAMES]
+            if length is not None and self.is_optimal:
+                # The search itself is about to compile the program of the feasible path.
+                self._soon.insert(0, _Job(_JobKind.OPTIMUM, length))
+
+    def _begin(self) -> None:
+        """List the jobs, start the other threads, and work."""
+        with jax.enable_x64(True):
+            programs = Programs(self.scene, self.k_max, self.operators)
+            later = all_jobs(programs, self.scene, self.network, self.termination)
+            length = None
+            if self.network is not None:
+                length = likely_length(self.scene, self.k_max, self.network, self.operators)
+
+        with self._lock:
+            self._programs = programs
+            self._later = later
+            if length is not None and self._is_guess:
+                self._length = length
+                self._soon = _jobs_of_length(length, self.is_optimal)
+
+        for _ in range(HELPERS - 1):
+            Thread(target=self._work).start()
+        self._work()
+
+    def _work(self) -> None:
+        """Do one job after the other."""
+        with jax.enable_x64(True):
+            while (job := self._next_job()) is not None:
+                job()
+
+    def _next_job(self) -> Job | None:
+        """Return the next job; None if there is none left or the search has ended."""
+        while not self._ended.is_set():
+            with self._lock:
+                if self._soon:
+                    assert self._programs is not None
+                    return self._soon.pop(0).bound_to(self._programs)
+                # What a guided search may need later must not take time from what it waits for now.
+                is_free = self.network is None or awaited_program(self._searcher) is None
+                if self._later and is_free:
+                    return self._later.pop(0)
+                if not self._later:
+                    return None
+            self._ended.wait(IDLE_WAIT)
+        return None
