@@ -7,7 +7,6 @@ the last of them.
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import astuple
 from pathlib import Path
@@ -15,8 +14,9 @@ from typing import Any
 
 from dvr_jax import __version__
 from dvr_jax.dataset.labels import Label
-from dvr_jax.errors import DataError
-from dvr_jax.runtime.files import write_whole
+from dvr_jax.errors import DataError, DvrError
+from dvr_jax.runtime.files import append_line, read_whole, write_whole
+from dvr_jax.runtime.json_lines import checked_line, parse_checked_line
 from dvr_jax.scene.files import are_equal_but_for_rounding, scene_from_json, scene_to_json
 from dvr_jax.scene.types import Scene
 
@@ -55,10 +55,7 @@ class LabelJournal:
         """
         self.labels[index] = list(labels)
         lines = [] if self.path.exists() else [_to_line(self._header)]
-        with self.path.open("ab") as file:
-            file.write(b"".join([*lines, self._line(index)]))
-            file.flush()
-            os.fsync(file.fileno())
+        append_line(self.path, b"".join([*lines, self._line(index)]).decode())
 
     def remove(self, indices: Iterable[int]) -> None:
         """Remove scenes whose shard is written.
@@ -89,7 +86,7 @@ class LabelJournal:
         if not self.path.exists():
             return {}
 
-        content = self.path.read_bytes()
+        content = read_whole(self.path)
         whole = [line for line in content.splitlines(keepends=True) if line.endswith(b"\n")]
         if len(b"".join(whole)) != len(content):
             write_whole(self.path, b"".join(whole))
@@ -98,12 +95,12 @@ class LabelJournal:
             return {}
 
         try:
-            header, *rows = map(json.loads, whole)
+            header, *rows = map(parse_checked_line, whole)
             labels = {row["scene"]: [_label(*values) for values in row["labels"]] for row in rows}
             is_own = header == self._header and all(map(self._is_own, rows))
-        except (ValueError, LookupError, TypeError) as error:
+        except (ValueError, LookupError, TypeError, DvrError) as error:
             raise DataError(
-                f"{self.path} is no file of a sweep ({error}); remove it to label its scenes again."
+                f"{self.path} is not as a sweep wrote it ({error}); move it away, and its scenes are labeled again."
             ) from None
         if not is_own:
             raise DataError(
@@ -125,5 +122,5 @@ def _label(scene: int, actions: Sequence[str], *verdict: Any) -> Label:
 
 
 def _to_line(record: Mapping[str, Any]) -> bytes:
-    """Return a record as one line of JSON; NaN is written as Python reads it."""
-    return json.dumps(record).encode() + b"\n"
+    """Return a record as one line of JSON with its checksum."""
+    return checked_line(record)

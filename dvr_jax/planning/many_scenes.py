@@ -17,6 +17,7 @@ from pathlib import Path
 from dvr_jax.errors import OptionError
 from dvr_jax.model.predictor import load_network
 from dvr_jax.planning.arguments import (
+    LARGEST_K_MAX,
     describe_value,
     require_integer,
     require_number,
@@ -80,7 +81,9 @@ def plan_scenes(
     settings = require_settings(
         PlanSettings(
             search=search,
-            k_max=None if k_max is None else require_integer("k_max", k_max, least=1),
+            k_max=None
+            if k_max is None
+            else require_integer("k_max", k_max, least=1, most=LARGEST_K_MAX),
             seed=require_integer("the seed", seed, least=0),
             time_limit=require_positive("the time limit", time_limit, "s"),
             network=None if network is None else Path(network),

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -24,7 +23,8 @@ from dvr_jax import __version__
 from dvr_jax.errors import DataError
 from dvr_jax.planning.result import Plan
 from dvr_jax.planning.scene_tasks import PlanSettings, ScenePlan
-from dvr_jax.runtime.files import require_folder, write_whole
+from dvr_jax.runtime.files import append_line, read_whole, require_folder, write_whole
+from dvr_jax.runtime.json_text import parse_json
 
 RUN = "run.json"
 """Name of the file that says how the scenes are planned."""
@@ -82,10 +82,7 @@ class PlanTable:
             "checksum": self.checksums[result.index],
         }
         self.rows[result.index] = row
-        with self.path.open("ab") as file:
-            file.write(_to_line(row))
-            file.flush()
-            os.fsync(file.fileno())
+        append_line(self.path, _to_line(row).decode())
         return row
 
     def sort(self) -> None:
@@ -110,7 +107,7 @@ class PlanTable:
             return
 
         try:
-            earlier = json.loads(path.read_bytes())
+            earlier = parse_json(read_whole(path), constants=True)
             found = earlier["settings"], earlier["versions"]["dvr_jax"]
         except (ValueError, LookupError, TypeError) as error:
             raise DataError(
@@ -127,10 +124,14 @@ class PlanTable:
         if not self.path.exists():
             return []
 
-        content = self.path.read_bytes()
+        content = read_whole(self.path)
         try:
             lines = [line for line in content.splitlines(keepends=True) if line.endswith(b"\n")]
-            rows = [row for row in map(json.loads, lines) if row["status"] != FAILED]
+            rows = [
+                row
+                for row in (parse_json(line, constants=True) for line in lines)
+                if row["status"] != FAILED
+            ]
             strangers = [row["scene"] for row in rows if not self._is_own(row)]
         except (ValueError, LookupError, TypeError) as error:
             raise DataError(

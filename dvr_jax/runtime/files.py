@@ -81,7 +81,7 @@ def write_whole(path: Path, content: bytes) -> None:
 
 
 def append_line(path: Path, line: str) -> None:
-    """Append a line to a file, or leave the file as it was where there is no room.
+    """Append a line to a file and flush it to the disk, or leave the file as it was where there is no room.
 
     Args:
         path: The file.
@@ -97,6 +97,7 @@ def append_line(path: Path, line: str) -> None:
             written = file.write(content)
             if written != len(content):
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            os.fsync(file.fileno())
         except OSError:
             file.truncate(size)
             raise

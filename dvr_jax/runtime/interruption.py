@@ -12,7 +12,8 @@ import signal
 import sys
 import threading
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from typing import Any, NoReturn
 
 MESSAGES = {signal.SIGINT: b"interrupted\n", signal.SIGTERM: b"terminated\n"}
@@ -21,8 +22,14 @@ MESSAGES = {signal.SIGINT: b"interrupted\n", signal.SIGTERM: b"terminated\n"}
 EXIT_OF_SIGNAL = 128
 """Exit code after a signal, as shells have it, is this and the number of the signal: 130 after Ctrl-C."""
 
+WORKERS_TIME = 1.0
+"""Time that worker processes have to remove what they are writing [s]."""
+
 PATIENCE = 5.0
 """Longest time that removing files and ending worker processes may take [s]."""
+
+_undoing: list[bytes] = []
+"""What has to be written to standard error before the message."""
 
 _temporary_files: set[str] = set()
 """Files that are being written and have no value before they are renamed."""
@@ -56,6 +63,26 @@ def ignore_interrupts() -> None:
             signal.signal(number, signal.SIG_IGN)
 
 
+def end_worker_on_termination() -> None:
+    """Let this process, a worker, end without a word when it is terminated, and ignore interruptions, its parent's."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, _end_worker)
+
+
+@contextmanager
+def undone_at_interrupt(text: bytes) -> Iterator[None]:
+    """Write a text to standard error where a signal ends the process while the block runs.
+
+    Args:
+        text: What brings the terminal back into its usual state.
+    """
+    _undoing.append(text)
+    try:
+        yield
+    finally:
+        _undoing.remove(text)
+
+
 def remember_temporary(path: str) -> None:
     """Remember a file that an interruption shall remove."""
     _temporary_files.add(path)
@@ -64,6 +91,13 @@ def remember_temporary(path: str) -> None:
 def forget_temporary(path: str) -> None:
     """Forget a file that has been renamed or removed."""
     _temporary_files.discard(path)
+
+
+def remove_temporaries() -> None:
+    """Remove the files that are being written."""
+    for path in list(_temporary_files):
+        with suppress(OSError):
+            os.unlink(path)
 
 
 def _wait_and_end(reader: int) -> None:
@@ -84,17 +118,20 @@ def _end(number: int, _: Any = None) -> NoReturn:
     """Remove what is half done, and end this process."""
     with suppress(Exception):
         _end_workers()
-    for path in list(_temporary_files):
-        with suppress(OSError):
-            os.unlink(path)
-
+    remove_temporaries()
     _say_and_exit(number)
+
+
+def _end_worker(number: int, _: Any) -> NoReturn:
+    """Remove what is half done, and end this worker process without a word."""
+    remove_temporaries()
+    os._exit(EXIT_OF_SIGNAL + number)
 
 
 def _say_and_exit(number: int) -> NoReturn:
     """Write the message of a signal, and end this process without any cleanup."""
     with suppress(OSError):
-        os.write(2, MESSAGES[signal.Signals(number)])
+        os.write(2, b"".join(_undoing) + MESSAGES[signal.Signals(number)])
     os._exit(EXIT_OF_SIGNAL + number)
 
 
@@ -105,7 +142,13 @@ def _end_workers() -> None:
     if multiprocessing is None or util is None:
         return
 
-    for child in multiprocessing.active_children():
+    # A worker removes what it is writing before it ends; one that is busy outside of Python is not waited for.
+    children = multiprocessing.active_children()
+    for child in children:
+        child.terminate()
+    deadline = time.monotonic() + WORKERS_TIME
+    for child in children:
+        child.join(max(0.0, deadline - time.monotonic()))
         child.kill()
     # What the interpreter calls at its own end; it has no public name.
     util._run_finalizers(0)

@@ -7,12 +7,29 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
+from contextlib import contextmanager
 from itertools import cycle
 from multiprocessing.queues import SimpleQueue
 from types import TracebackType
 from typing import Any
+
+from dvr_jax.runtime.interruption import end_worker_on_termination, remove_temporaries
+
+
+@contextmanager
+def interrupts_held_back() -> Iterator[None]:
+    """Start processes in this block: they do not take Ctrl-C, which reaches all processes of a terminal.
+
+    A new process inherits that this thread does not take it for now, and so does not end with a traceback before it
+    comes to ignore it. The other threads of this process take it.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 class WorkerPool(ProcessPoolExecutor):
@@ -21,9 +38,6 @@ class WorkerPool(ProcessPoolExecutor):
     def submit(self, *arguments: Any, **named: Any) -> Future[Any]:
         """Submit a task, for which a process may be started.
 
-        Ctrl-C reaches all processes of a terminal. A new process inherits that this thread does not take it for now,
-        and so does not end with a traceback before it comes to ignore it. The other threads of this process take it.
-
         Args:
             arguments: The function that carries out the task, and its arguments.
             named: Its arguments by name.
@@ -31,11 +45,8 @@ class WorkerPool(ProcessPoolExecutor):
         Returns:
             The result that is to come.
         """
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
+        with interrupts_held_back():
             return super().submit(*arguments, **named)
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
     def __exit__(
         self,
@@ -112,7 +123,7 @@ def prepare_worker(parent: int, core: int | None) -> None:
         core: The core; None where processes cannot be bound.
     """
     # Ctrl-C reaches all processes of a terminal. The parent alone handles it, and ends the workers.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_worker_on_termination()
 
     watch = threading.Thread(target=_end_with_parent, args=(parent,), daemon=True)
     watch.start()
@@ -126,4 +137,5 @@ def _end_with_parent(parent: int) -> None:
     while os.getppid() == parent:
         time.sleep(1)
 
+    remove_temporaries()
     os._exit(1)

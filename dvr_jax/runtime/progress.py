@@ -14,6 +14,9 @@ from threading import Event, Thread
 from types import TracebackType
 from typing import Any, Self
 
+from dvr_jax.runtime.interruption import undone_at_interrupt
+from dvr_jax.runtime.streams import drawing_stream
+
 PATIENCE = 2.0
 """Time after which progress is shown for the first time [s]."""
 
@@ -22,6 +25,9 @@ LONGEST_SILENCE = 30.0
 
 RECENT = 20
 """Number of things whose times tell how long the others will take."""
+
+SHOW_CURSOR = b"\x1b[?25h\r\n"
+"""What shows the cursor of a terminal again, and begins a new line."""
 
 REDRAW = 0.2
 """Time between two looks at the state of the computation on a terminal [s]."""
@@ -151,11 +157,18 @@ class Progress:
         # Imported here, because it takes a tenth of a second that short commands need not wait for.
         from rich.console import Console
 
-        console = Console(stderr=True)
+        console = Console(file=drawing_stream())
+        # Whoever ends the process meanwhile has to show the cursor again, which the library hides.
+        with undone_at_interrupt(SHOW_CURSOR):
+            self._draw_on(console)
+
+    def _draw_on(self, console: Any) -> None:
+        """Draw on a terminal until the block ends."""
         if self.total is None:
-            with console.status(self.describe()) as status:
+            spinner, line = _moving_line(console, self.describe())
+            with line:
                 while not self._ended.wait(REDRAW):
-                    status.update(self.describe())
+                    spinner.update(text=self.describe())
             return
 
         with _bar(console) as bar:
@@ -186,7 +199,29 @@ def _bar(console: Any) -> Any:
         progress.TextColumn("to go:"),
         progress.TimeRemainingColumn(),
         console=console,
+        redirect_stdout=_is_shown_here(),
     )
+
+
+def _moving_line(console: Any, text: str) -> tuple[Any, Any]:
+    """Return a spinner with a text, and the display of it."""
+    from rich.live import Live
+    from rich.spinner import Spinner
+
+    spinner = Spinner("dots", text=text)
+    line = Live(
+        spinner,
+        console=console,
+        refresh_per_second=1 / REDRAW,
+        transient=True,
+        redirect_stdout=_is_shown_here(),
+    )
+    return spinner, line
+
+
+def _is_shown_here() -> bool:
+    """Return whether standard output is a terminal too; into a file or a pipe it has to go as it is."""
+    return sys.stdout is not None and sys.stdout.isatty()
 
 
 def _duration(seconds: float) -> str:

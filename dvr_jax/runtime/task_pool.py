@@ -21,7 +21,7 @@ from multiprocessing.process import BaseProcess
 from traceback import format_exception
 from typing import Any
 
-from dvr_jax.runtime.processes import prepare_worker
+from dvr_jax.runtime.processes import interrupts_held_back, prepare_worker
 
 ATTEMPTS = 2
 """Number of workers that a task is given to before it counts as the cause of their deaths."""
@@ -138,7 +138,8 @@ class _Pool:
             args=(os.getpid(), _core_of(slot), self.preparation, self.function, theirs),
             daemon=True,
         )
-        process.start()
+        with interrupts_held_back():
+            process.start()
         theirs.close()
         return _Worker(process, ours)
 

@@ -1,11 +1,13 @@
 """Ctrl-C at any moment of a command: one line, exit code 130, and nothing half done."""
 
 import os
+import pty
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -25,6 +27,32 @@ import time
 {work}
 """
 """A command that is busy with something when it is interrupted."""
+
+WORKERS = """
+import os, sys, time
+from pathlib import Path
+from dvr_jax.runtime import files
+from dvr_jax.runtime.interruption import end_on_interrupt
+from dvr_jax.runtime.task_pool import run_tasks
+
+def write(number):
+    files.os.fsync = lambda descriptor: time.sleep(60)
+    files.write_whole(Path(sys.argv[1]) / str(number), b"half")
+    yield number
+
+if __name__ == "__main__":
+    end_on_interrupt()
+    folder = Path(sys.argv[1])
+    folder.mkdir()
+    import threading
+    def tell():
+        while len(list(folder.iterdir())) < 2:
+            time.sleep(0.05)
+        print("ready", flush=True)
+    threading.Thread(target=tell, daemon=True).start()
+    list(run_tasks(write, [1, 2], 2))
+"""
+"""Two workers that are writing a file each."""
 
 WORK = {
     "an import that swallows errors": """
@@ -119,6 +147,60 @@ def test_a_process_may_be_terminated(tmp_path: Path) -> None:
     process.terminate()
     _, errors = process.communicate(timeout=60)
     assert (process.returncode, errors) == (143, "terminated\n")
+
+
+def test_the_terminal_is_left_as_it_was(tmp_path: Path) -> None:
+    """A bar is drawn with control characters, which names cannot write, and its library hides the cursor."""
+    work = """
+from dvr_jax.runtime.streams import secure_streams
+secure_streams()
+from dvr_jax.runtime.progress import Progress
+with Progress("working", total=9, unit="things"):
+    time.sleep(3)
+    print("name \\x1b[31m", file=sys.stderr)
+    print("ready", flush=True)
+    time.sleep(60)
+"""
+    terminal, end = pty.openpty()
+    process = subprocess.Popen(
+        [sys.executable, "-c", BUSY.format(work=work)],
+        stdout=subprocess.PIPE,
+        stderr=end,
+        env=os.environ | {"TERM": "xterm"},
+    )
+    os.close(end)
+    assert process.stdout is not None
+    # What is printed meanwhile goes where standard output leads, and not to the terminal.
+    assert process.stdout.readline() == b"ready\n"
+    process.send_signal(signal.SIGINT)
+    assert process.wait(60) == 130
+    shown = b""
+    with suppress(OSError):
+        while part := os.read(terminal, 65536):
+            shown += part
+    assert b"\x1b[?25l" in shown and b"\\x1b[?" not in shown and b"\x1b[31mready" not in shown
+    assert shown.endswith(b"\x1b[?25h\r\r\ninterrupted\r\n") or shown.endswith(
+        b"\x1b[?25h\r\ninterrupted\r\n"
+    )
+
+
+def test_a_worker_removes_what_it_is_writing(tmp_path: Path) -> None:
+    (tmp_path / "script.py").write_text(WORKERS)
+    process = subprocess.Popen(
+        [sys.executable, str(tmp_path / "script.py"), str(tmp_path / "out")],
+        env=os.environ | {"PYTHONPATH": os.getcwd()},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n"
+    assert len(list((tmp_path / "out").iterdir())) == 2
+    os.killpg(process.pid, signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert (process.returncode, errors) == (130, "interrupted\n")
+    assert list((tmp_path / "out").iterdir()) == []
 
 
 @pytest.mark.parametrize("seconds", [0.3, 0.6, 1.0])
