@@ -27,7 +27,7 @@ class FuzzOptions:
     number: int = 20_000
     """Number of damaged scenes."""
     files: int = 2_000
-    """Number of damaged files: scenes, trajectories, plans, networks, checkpoints, histories, shards, programs."""
+    """Number of damaged files of nine kinds: scenes, trajectories, plans, networks, checkpoints and others."""
     commands: int = 50
     """Number of random command lines, about a second each."""
     seed: int = 0

@@ -28,6 +28,7 @@ from dvr_jax.model.network_config import NetworkConfig
 from dvr_jax.motion.file import load_motion, save_motion
 from dvr_jax.operators import OPERATORS, ground_scene
 from dvr_jax.planning.goal_met import resting_motion, resting_plan
+from dvr_jax.planning.label_journal import LabelJournal
 from dvr_jax.planning.result import Plan
 from dvr_jax.runtime.program_files import read_entry, write_entry
 from dvr_jax.scene.files import load_scenes, save_scenes
@@ -94,6 +95,7 @@ def make_files(folder: Path) -> list[FileKind]:
         _checkpoint(folder / "checkpoints"),
         _history(folder / "training"),
         _shard(folder / "labels-000000.parquet", scenes),
+        _journal(folder / "sweep", scenes),
         _program(folder / "cache" / "programs-1" / "dvr_jax.a.executable"),
     ]
 
@@ -189,12 +191,35 @@ def _history(folder: Path) -> FileKind:
     return FileKind("history", (path,), lambda: read_history(path), equal)
 
 
-def _shard(path: Path, scenes: tuple[Scene, ...]) -> FileKind:
-    labels = []
+def _labels(index: int, scene: Scene) -> list[Label]:
+    """Return labels of a scene, as if no grasp were possible."""
+    return [
+        Label(index, (str(action),), False, True, "pose", 3.0)
+        for action in ground_scene(scene).actions
+        if action.operator == "grasp"
+    ]
+
+
+def _journal(folder: Path, scenes: tuple[Scene, ...]) -> FileKind:
+    """A last line that was cut short is left out, as after a kill."""
+    folder.mkdir()
+    journal = LabelJournal(folder, {"seed": 1}, scenes)
     for index, scene in enumerate(scenes):
-        for action in ground_scene(scene).actions:
-            if action.operator == "grasp":
-                labels.append(Label(index, (str(action),), False, True, "pose", 3.0))
+        journal.add(index, _labels(index, scene))
+
+    def equal(one: Any, other: Any) -> bool:
+        return all(one[index] == other[index] for index in one)
+
+    return FileKind(
+        "journal",
+        (journal.path,),
+        lambda: LabelJournal(folder, {"seed": 1}, scenes).labels,
+        equal,
+    )
+
+
+def _shard(path: Path, scenes: tuple[Scene, ...]) -> FileKind:
+    labels = [label for index, scene in enumerate(scenes) for label in _labels(index, scene)]
     write_shard(path, dict(enumerate(scenes)), labels, {"seed": 1})
 
     def read() -> Any:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from itertools import cycle
+from multiprocessing import resource_tracker
 from multiprocessing.queues import SimpleQueue
 from types import TracebackType
 from typing import Any
@@ -25,6 +26,9 @@ def interrupts_held_back() -> Iterator[None]:
     A new process inherits that this thread does not take it for now, and so does not end with a traceback before it
     comes to ignore it. The other threads of this process take it.
     """
+    # The process that the standard library starts beside the first worker lets this thread take Ctrl-C again.
+    resource_tracker.ensure_running()
+
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

@@ -26,8 +26,8 @@ def test_damaged_scenes() -> None:
 
 def test_damaged_files(tmp_path: Path) -> None:
     tallies: dict[str, Tally] = {}
-    assert fuzz_files(160, 1, tmp_path, tallies) == []
-    assert len(tallies) == 8 and all(
+    assert fuzz_files(180, 1, tmp_path, tallies) == []
+    assert len(tallies) == 9 and all(
         tally.refused + tally.accepted == 20 for tally in tallies.values()
     )
 
