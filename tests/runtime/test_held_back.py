@@ -9,13 +9,14 @@ from pathlib import Path
 import pytest
 
 CODE = """
-import signal, sys, time
+import os, signal, sys, time
 from dvr_jax.runtime.processes import worker_processes
 from dvr_jax.runtime.task_pool import run_tasks
 
 if __name__ == "__mp_main__":
     # A worker imports this file before it is told to ignore Ctrl-C.
-    print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []), flush=True)
+    is_deaf = signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, [])
+    os.write(1, f"{is_deaf}\\n".encode())
 
 def work(number):
     return [number]
