@@ -27,7 +27,7 @@ from dvr_jax.search.status import PlanStatus
 
 SCENE = Scene(
     (
-        SceneObject("a", "box", (0.06, 0.1, 0.1), (-0.4, 0.3), 7.0),
+        SceneObject("a", "box", (0.06, 0.1, 0.1), (-0.4, 0.3), 6.0),
         SceneObject("b", "cylinder", (0.03, 0.08), (0.3, 0.3), 0.5),
         SceneObject("c", "box", (0.1, 0.1, 0.05), (0.0, -0.5), 0.0),
     ),
