@@ -46,6 +46,9 @@ _PUBLIC_NAMES: dict[str, str] = {
     "PlanStatus": "dvr_jax.search.status:PlanStatus",
     "feasibility": "dvr_jax.planning.feasibility:feasibility",
     "Verdict": "dvr_jax.planning.feasibility:Verdict",
+    "Reason": "dvr_jax.search.reasons:Reason",
+    "ReasonKind": "dvr_jax.search.reasons:ReasonKind",
+    "Refutation": "dvr_jax.search.explanation:Refutation",
     "Action": "dvr_jax.logic:Action",
     "Predictor": "dvr_jax.model.predictor:Predictor",
     # Motions and their check
@@ -98,6 +101,9 @@ if TYPE_CHECKING:
     from dvr_jax.scene.types import FixedBody as FixedBody
     from dvr_jax.scene.types import Scene as Scene
     from dvr_jax.scene.types import SceneObject as SceneObject
+    from dvr_jax.search.explanation import Refutation as Refutation
+    from dvr_jax.search.reasons import Reason as Reason
+    from dvr_jax.search.reasons import ReasonKind as ReasonKind
     from dvr_jax.search.status import PlanStatus as PlanStatus
     from dvr_jax.workcell.robot import Robot as Robot
     from dvr_jax.workcell.workcell import WORKCELLS as WORKCELLS

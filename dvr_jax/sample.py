@@ -1,7 +1,6 @@
 """Command line `python -m dvr_jax.sample`: see `dvr_jax.cli.sample`."""
 
-from dvr_jax.cli.sample import main
-from dvr_jax.errors import run_command
-
 if __name__ == "__main__":
-    run_command(main)
+    from dvr_jax.cli.console import run_module
+
+    run_module("sample")

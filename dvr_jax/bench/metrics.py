@@ -10,7 +10,8 @@ from pathlib import Path
 
 from dvr_jax.bench.results_file import describe_machine
 from dvr_jax.errors import DvrError
-from dvr_jax.runtime.files import write_whole
+from dvr_jax.runtime.files import read_whole, write_whole
+from dvr_jax.runtime.json_text import parse_json
 
 
 class Direction(Enum):
@@ -95,7 +96,7 @@ def load_metrics(path: Path) -> MetricsFile:
         OSError: The file cannot be read.
     """
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = parse_json(read_whole(path), constants=True)
         metrics = tuple(
             Metric(
                 metric=str(row["metric"]),

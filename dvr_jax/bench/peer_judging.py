@@ -25,8 +25,10 @@ from dvr_jax.bench.rai import (
 from dvr_jax.bench.rai_scene import PeerScene
 from dvr_jax.bench.recall import judge_prefix
 from dvr_jax.bench.results_file import Row
+from dvr_jax.checker.kinds import PENETRATION
 from dvr_jax.checker.replay import check_motion
 from dvr_jax.logic import Action
+from dvr_jax.nlp.cost import path_cost
 from dvr_jax.nlp.evaluation import relative_violation
 from dvr_jax.nlp.problem import Problem, Variables
 from dvr_jax.nlp.transcription import transcribe
@@ -37,11 +39,21 @@ from dvr_jax.scene.types import Scene
 from dvr_jax.search.node import Node
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import run_alone
-from dvr_jax.seeds.initial_paths import STEPS_PER_PHASE, initial_path, path_problem
+from dvr_jax.seeds.initial_paths import (
+    STEPS_PER_PHASE,
+    initial_path,
+    optimal_path_problem,
+    path_problem,
+)
 from dvr_jax.solver.iteration import evaluate_trials, initial_states, lay_out_chunks, measure_chunk
 from dvr_jax.solver.lane_pool import NlpSolution, solve, stack
+from dvr_jax.solver.sequential import SequentialSettings
 from dvr_jax.solver.state import Settings
 from dvr_jax.workcell.model import WorkcellModel, workcell_model
+
+DEEPEST_PENETRATION = 3e-3
+"""Deepest penetration of a path that passes the check here [m]. Plans keep clearances, so that the check of plans
+allows less; these paths keep none, and each solver lets bodies touch within its tolerance."""
 
 _T = TypeVar("_T")
 
@@ -113,8 +125,13 @@ def judge_point(model: WorkcellModel, problem: Problem, x: Variables) -> dict[st
 
 
 def _passes(scene: Scene, actions: Sequence[Action], problem: Problem, q: Any, m: Any) -> bool:
+    """Return whether the check finds nothing in the motion along a path but penetrations that are not deep."""
     motion = interpolate(scene, problem, np.asarray(q), np.asarray(m))
-    return check_motion(scene, actions, motion).passed
+    findings = check_motion(scene, actions, motion).findings
+    return all(
+        finding.definition == PENETRATION and finding.value <= DEEPEST_PENETRATION
+        for finding in findings
+    )
 
 
 def _our_keyframes(
@@ -148,8 +165,22 @@ def _our_path(scene: Scene, node: Node, find: Callable[[], NlpSolution]) -> Row:
         "wall seconds": timed.wall_seconds,
         "iterations": path.iterations,
         "ratio": path.relative_violation,
+        "cost": path_cost(np.asarray(node.problem.home), path.q),
         "passed": path.feasible and _passes(scene, node.actions, node.problem, path.q, path.m),
     }
+
+
+def _optimal_path(tree: SequenceTree, node: Node) -> NlpSolution:
+    """Our path of least cost: the first feasible path, optimized further for the objective that both solvers have."""
+    path = run_alone(tree.solver.solve_path(node))
+    if not path.feasible:
+        return path
+    assert node.problem is not None
+    start = Variables(path.q, path.m)
+    problem = optimal_path_problem(node.problem, start)
+    problem = problem._replace(preference_scale=np.zeros_like(problem.preference_scale))
+    optimal = solve(tree.solver.model, [problem], [start], SequentialSettings())[0]
+    return optimal if optimal.feasible else path
 
 
 def _path_at_slices(tree: SequenceTree, node: Node) -> NlpSolution:
@@ -178,10 +209,17 @@ def _peer_path(
     steps: int,
     seed: int,
 ) -> Row:
-    """Path of `robotic` with a number of slices a phase, judged by the check and, where ours has as many, by ours."""
+    """Path of `robotic` with a number of slices a phase, judged by the check and, where ours has as many, by ours.
+
+    Costs of paths with any number of slices are those of the same motion in as many slices as our paths have.
+    """
     solved = solve_peer(peer, build_path(peer, actions, keyframes, steps), seed)
     x = to_variables(problem, actions, solved)
     row = _peer_row(solved)
+
+    # Second differences of a path with n times the slices are n^2 times smaller, and there are n times as many.
+    finer = steps / STEPS_PER_PHASE
+    row["cost"] = finer**3 * path_cost(np.asarray(problem.home), np.asarray(x.q))
     if steps == STEPS_PER_PHASE:
         row["our measure"] = judge_point(workcell_model(peer.scene.workcell), problem, x)
     row["passed"] = solved.feasible and _passes(peer.scene, actions, problem, x.q, x.m)
@@ -210,6 +248,7 @@ def compare(peer: PeerScene, actions: Sequence[Action], seed: int) -> Row:
     paths: Row = {}
     if node.feasible:
         paths["ours"] = _our_path(scene, node, lambda: run_alone(tree.solver.solve_path(node)))
+        paths["ours optimal"] = _our_path(scene, node, lambda: _optimal_path(tree, node))
         paths["ours at slices"] = _our_path(scene, node, lambda: _path_at_slices(tree, node))
     if keyframes.feasible:
         paths["robotic"] = _peer_path(peer, actions, problem, keyframes, STEPS_PER_PHASE, seed)

@@ -36,8 +36,20 @@ COMPARISONS = (
         "ours",
         "robotic finer",
     ),
+    Comparison(
+        "optimal paths, ours free between its slices, too", "path", "ours optimal", "robotic"
+    ),
+    Comparison(
+        "optimal paths, ours the same, robotic's of 3 times the slices",
+        "path",
+        "ours optimal",
+        "robotic finer",
+    ),
 )
 """The tables."""
+
+EQUAL_COST = 1.01
+"""Our cost is not above that of `robotic` if it is at most this multiple of it."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +89,8 @@ class SideBySide:
     """Our feasible solutions."""
     their_solutions: tuple[Side, ...]
     """Those of `robotic`."""
+    cost_ratios: tuple[float, ...]
+    """Our costs as multiples of those of `robotic`, of the problems of which both solutions pass the check."""
 
 
 def compare_sides(
@@ -115,7 +129,24 @@ def compare_sides(
         infeasible_times=_median_times(times[False, False]),
         our_solutions=tuple(ours for ours, _ in pairs if _is_feasible(ours)),
         their_solutions=tuple(theirs for _, theirs in pairs if _is_feasible(theirs)),
+        cost_ratios=tuple(
+            ours["cost"] / theirs["cost"]
+            for ours, theirs in pairs
+            if ours and theirs and ours.get("passed") and theirs.get("passed")
+        ),
     )
+
+
+def describe_costs(ratios: Sequence[float]) -> str | None:
+    """Return how many of our costs are not above those of `robotic`, and their median ratio; None without any.
+
+    Args:
+        ratios: Our costs as multiples of those of `robotic`.
+    """
+    if not ratios:
+        return None
+    equal = sum(ratio <= EQUAL_COST for ratio in ratios)
+    return f"{equal} of {len(ratios)} ({statistics.median(ratios):.2f})"
 
 
 def _is_feasible(side: Side | None) -> bool:

@@ -13,8 +13,13 @@ The solutions of `robotic` are judged a second time, as points of our NLP by our
 by the independent check.
 
 `robotic` looks at slices alone, while our paths have three samples a slice and are looked at between them, too. So
-paths are compared three times: both with constraints at the same slices alone; our paths as they are, with `robotic`'s
-of as many slices; and with `robotic`'s of three times as many.
+paths are compared several times: both with constraints at the same slices alone; our paths as they are, with
+`robotic`'s of as many slices; and with `robotic`'s of three times as many. `robotic` minimizes squared accelerations.
+Ours stop at the first feasible point in these comparisons; the last two compare our optimal paths, with the time to the
+first feasible point included, and the costs of the same objective.
+
+`robotic` keeps no clearances and knows no straight approaches. By default ours keeps none either, so that both solve
+the same problems.
 """
 
 from __future__ import annotations
@@ -23,7 +28,7 @@ import os
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -60,6 +65,8 @@ class PeersOptions:
     """Sequences of each scene and length whose keyframes our search finds feasible, where there are any."""
     seed: int = 1
     """Of scenes, sequences and both solvers."""
+    clearance: float = 0.0
+    """Factor of the clearances of our problems; `robotic` has none."""
     out: Path | None = None
     """JSON Lines file of results; scenes that it already has are not solved again."""
 
@@ -98,6 +105,17 @@ def _reaches(grounding: Grounding, left: int, state: int) -> bool:
     return grounding.reaches_goal_in(state, left)
 
 
+def with_clearance(scene: Scene, factor: float) -> Scene:
+    """Return a scene whose clearances are scaled.
+
+    Args:
+        scene: The scene.
+        factor: Factor of all clearances.
+    """
+    clearances = scene.workcell.clearances.scaled(factor)
+    return replace(scene, workcell=replace(scene.workcell, clearances=clearances))
+
+
 def solve_scene(options: PeersOptions, index: int) -> list[Row]:
     """Solve all problems of one scene.
 
@@ -108,7 +126,7 @@ def solve_scene(options: PeersOptions, index: int) -> list[Row]:
     Returns:
         One row a problem.
     """
-    scene = scene_of_seed(options.seed, index, 2)
+    scene = with_clearance(scene_of_seed(options.seed, index, 2), options.clearance)
     generator = np.random.default_rng([options.seed, index])
     tree = SequenceTree(scene, max(LENGTHS), options.seed)
     peer = build_peer_scene(scene)
@@ -150,7 +168,7 @@ def _header(options: PeersOptions) -> Row:
         "steps": STEPS_PER_PHASE,
         "finer": FINER,
         "rounding": ROUNDING,
-        "clearance": CLEARANCE,
+        "table_gap": CLEARANCE,
         "robotic": version("robotic"),
     }
 

@@ -20,7 +20,7 @@ from dvr_jax.bench.problems import PROBLEMS, read_rows
 from dvr_jax.logic import Action, Grounding
 from dvr_jax.nlp.transcription import transcribe
 from dvr_jax.operators import OPERATORS, ground_scene, refute
-from dvr_jax.runtime.files import write_whole
+from dvr_jax.runtime.files import append_line, write_whole
 from dvr_jax.runtime.processes import worker_processes
 from dvr_jax.scene.files import scene_to_json
 from dvr_jax.scene.sampling import sample_scene
@@ -73,16 +73,12 @@ def run(arguments: list[str]) -> int:
     jobs += [("path", index, 2 + index % 5) for index in range(options.paths)]
     todo = [(kind, index, length) for kind, index, length in jobs if (kind, index) not in done]
 
-    with (
-        options.out.open("a", encoding="utf-8") as file,
-        worker_processes(options.workers) as pool,
-    ):
+    with worker_processes(options.workers) as pool:
         draw = partial(_draw_problem, options.seed)
         futures = [pool.submit(draw, *job) for job in todo]
         for future in as_completed(futures):
             row = future.result()
-            file.write(json.dumps(row) + "\n")
-            file.flush()
+            append_line(options.out, json.dumps(row) + "\n")
             verdict = "feasible" if row["feasible"] else "infeasible"
             print(
                 f"  {row['kind']} {row['index']}: length {row['length']}, {verdict}",

@@ -14,6 +14,7 @@ from typing import Any
 
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import Action
+from dvr_jax.runtime.json_text import parse_json
 from dvr_jax.scene.files import scene_from_json
 from dvr_jax.scene.types import Scene
 
@@ -27,10 +28,10 @@ def read_rows(path: Path | Traversable) -> list[dict[str, Any]]:
     Raises:
         DvrError: The file holds no problems.
     """
-    text = path.read_text(encoding="utf-8")
-    whole = text[: text.rfind("\n") + 1]
+    content = path.read_bytes()
+    whole = content[: content.rfind(b"\n") + 1]
     try:
-        rows = [json.loads(line) for line in whole.splitlines()]
+        rows = [parse_json(line, constants=True) for line in whole.splitlines()]
         return sorted(rows, key=lambda row: (row["kind"], row["index"]))
     except (ValueError, LookupError, TypeError) as error:
         raise DvrError(

@@ -7,7 +7,7 @@ The problem in its terms, with S steps a phase and switch k at time k = 1..K:
 - A place is a mode switch "stableOn" (x, y, yaw on the support: upright and at the right height by construction), with
   the footprint's corners within the support.
 - At every slice the sum of all penetrations is zero and joints are within their limits.
-- The arms that take part in a switch rest at it, and both rest at the end of a path.
+- The arms that take part in a switch rest at it in keyframes, and all arms rest at each switch of a path.
 - Costs: of keyframes the pull to home and squared differences of consecutive ones, of a path squared accelerations.
 
 Differences from our NLP: objects and fingers are as in `dvr_jax.bench.rai_scene`; a path is free of penetrations at its
@@ -36,7 +36,6 @@ from dvr_jax.bench.rai_scene import (
 from dvr_jax.logic import Action
 from dvr_jax.modes.mode import ModeKind
 from dvr_jax.nlp.problem import Problem, Variables
-from dvr_jax.nlp.transcription import walk
 from dvr_jax.operators import OPERATORS, object_of
 from dvr_jax.operators.grasp import GRASP_MARGIN, PITCH_LIMIT
 from dvr_jax.scene.types import SceneObject
@@ -105,12 +104,9 @@ def build_path(
     komo.addControlObjective([], 2, 1e-1)
     _add_constraints(ry, komo, peer, actions)
 
-    _, switches = walk(peer.scene, actions, (), OPERATORS)
-    for k, switch in enumerate(switches, start=1):
-        # All arms rest at the end.
-        at_rest = switch.arms_at_rest if k < len(actions) else range(len(peer.joints))
-        for arm in at_rest:
-            komo.addObjective([k], ry.FS.qItself, list(peer.joints[arm]), ry.OT.eq, [1e1], [], 1)
+    for k in range(1, len(actions) + 1):
+        for joints in peer.joints:
+            komo.addObjective([k], ry.FS.qItself, list(joints), ry.OT.eq, [1e1], [], 1)
 
     komo.initWithWaypoints(keyframes.waypoints, 1, True)
     return komo

@@ -48,17 +48,12 @@ TABLE_BODY = 0.2
 SUPPORT_THICKNESS = 0.02
 """Thickness of the rectangles that objects are placed on [m]."""
 
-_LEVELS = {
-    "upper_arm": -2,
-    "elbow": -4,
-    "forearm": -3,
-    "wrist": -2,
-    "flange": -1,
-    "hand": -1,
-    "finger_left": -1,
-    "finger_right": -1,
-}
-"""-n: the capsule does not meet its own link's n ancestors; this leaves the pairs of `dvr_jax.nlp.collision_rows`."""
+_LEVELS = (1, -1, -2, -3, -4, -2, -3, -1)
+"""Of each link of the Panda: -n if its capsules do not meet those of the n links before it; the base meets all others.
+
+This leaves the pairs of `Robot.self_collision_pairs`, and those of the hand with the elbow, which are far apart in all
+but tightly folded arms.
+"""
 
 
 @cache
@@ -189,7 +184,7 @@ def _add_capsules(ry: Any, config: Any, robot: Robot, prefix: str, links: list[s
         capsule = config.addFrame(prefix + name, links[capsules.links[c]])
         capsule.setRelativePose([*((start + end) / 2 + offset), *_along(end - start)])
         capsule.setShape(ry.ST.capsule, [length, float(capsules.radii[c])])
-        capsule.setContact(_LEVELS.get(name, 1))
+        capsule.setContact(_LEVELS[capsules.links[c]])
 
 
 def _along(direction: Floats) -> Floats:

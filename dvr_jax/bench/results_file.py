@@ -17,7 +17,8 @@ from typing import Any
 
 from dvr_jax import __version__
 from dvr_jax.errors import DvrError
-from dvr_jax.runtime.files import write_whole
+from dvr_jax.runtime.files import append_line, read_whole, write_whole
+from dvr_jax.runtime.json_text import parse_json
 
 Row = dict[str, Any]
 """One result as JSON has it."""
@@ -80,18 +81,20 @@ class ResultsFile:
             self._read(path, json.loads(json.dumps(options)), dict(facts or {}))
 
     def _read(self, path: Path, options: Row, facts: Row) -> None:
-        text = path.read_text(encoding="utf-8") if path.exists() else ""
+        content = read_whole(path) if path.exists() else b""
+        # Bytes that are no text are no JSON either, and are refused as such.
+        text = content.decode("utf-8", errors="replace")
         lines = [line for line in text.splitlines(keepends=True) if line.endswith("\n")]
         if not lines:
             path.parent.mkdir(parents=True, exist_ok=True)
             lines = [_to_line({"options": options, **facts, **describe_machine()})]
 
         try:
-            header, *rows = map(json.loads, lines)
+            header, *rows = (parse_json(line, constants=True) for line in lines)
             self.rows = {int(row[self.of]): row for row in rows}
             known_options = header["options"]
             self.version = header["versions"].get("dvr_jax", "unknown")
-        except (ValueError, LookupError, TypeError) as error:
+        except (ValueError, LookupError, TypeError, AttributeError) as error:
             raise DvrError(
                 f"{path} holds no results of a benchmark ({error}); choose another --out."
             ) from None
@@ -103,7 +106,7 @@ class ResultsFile:
         # The options agree, so what was found out about them holds for the rows as well.
         if any(name not in header for name in facts):
             lines[0] = _to_line({"options": options, **facts, **header})
-        if "".join(lines) != text:
+        if "".join(lines).encode() != content:
             write_whole(path, "".join(lines).encode())
 
     def missing(self, number: int) -> list[int]:
@@ -128,8 +131,7 @@ class ResultsFile:
         """Keep a row."""
         self.rows[int(row[self.of])] = row
         if self.path is not None:
-            with self.path.open("a", encoding="utf-8") as file:
-                file.write(_to_line(row))
+            append_line(self.path, _to_line(row))
 
 
 def _to_line(row: Row) -> str:

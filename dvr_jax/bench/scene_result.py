@@ -73,7 +73,7 @@ class SceneResult:
     @property
     def keyframe_nlps(self) -> int:
         """Keyframe NLPs solved, of whole prefixes and of single objects."""
-        return self.nlps.get("sequence", 0) + self.nlps.get("pose", 0)
+        return sum(self.nlps.get(bound, 0) for bound in ("window", "pose", "sequence"))
 
     @classmethod
     def from_row(cls, row: Mapping[str, Any]) -> SceneResult:

@@ -10,7 +10,7 @@ from dvr_jax.bench.label_statistics import count_verdicts, infeasible_share
 from dvr_jax.bench.markdown import EMPTY, percent, ratio, table
 from dvr_jax.bench.metrics import MetricsFile
 from dvr_jax.bench.paper import DATASET, LENGTHS, TABLE_ONE, table_one_cell
-from dvr_jax.bench.peer_statistics import COMPARISONS, Side, Times, compare_sides
+from dvr_jax.bench.peer_statistics import COMPARISONS, Side, Times, compare_sides, describe_costs
 from dvr_jax.bench.recall_metrics import ALL_LENGTHS, CHECKED, KINDS, PASSED, metric_name
 
 TIME_UNITS = ("us/slice", "ms")
@@ -148,6 +148,7 @@ def peers(results: CommittedResults) -> str:
                 _times(sides.infeasible_times),
                 _passed(sides.our_solutions) if is_path else EMPTY,
                 _passed(sides.their_solutions) if is_path else EMPTY,
+                describe_costs(sides.cost_ratios) or EMPTY,
             ]
         )
     head = [
@@ -158,6 +159,7 @@ def peers(results: CommittedResults) -> str:
         "ms where both infeasible",
         "ours pass the check",
         "`robotic`'s pass",
+        "cost not above `robotic`'s (median ratio)",
     ]
     sentence = (
         f"{len(file.rows)} scenes, `robotic` {file.options['robotic']}, medians of CPU times."

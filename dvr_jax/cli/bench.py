@@ -47,6 +47,12 @@ BENCHMARKS: dict[str, Benchmark] = {
         "problem_drawing", "draw such problems, each judged from 64 random starts (hours)"
     ),
     "labels": Benchmark("labels", "labels of a sweep against 64 random starts (hours)"),
+    "reasons": Benchmark(
+        "reasons", "reasons of refuted sequences: the share of those that a changed scene confirms"
+    ),
+    "relaxation": Benchmark(
+        "relaxation", "lower bounds on the number of actions beside the tree's verdicts"
+    ),
     "dataset": Benchmark(
         "dataset", "labels and training targets of folders of shards, beside the paper's"
     ),
@@ -59,6 +65,10 @@ BENCHMARKS: dict[str, Benchmark] = {
         "drawn", "how deep drawn links get into what plans keep their capsules clear of"
     ),
     "peers": Benchmark("peers", "the same problems solved by `robotic`"),
+    "fuzz": Benchmark(
+        "fuzz",
+        "read damaged scenes and files, run random command lines: nothing may break (10 minutes)",
+    ),
     "report": Benchmark(
         "report", "write the figures in README.md and docs/ from the committed results"
     ),

@@ -12,7 +12,7 @@ from typing import Annotated
 
 import tyro
 
-from dvr_jax.cli.options import CONSOLE
+from dvr_jax.cli.options import parse_options
 from dvr_jax.errors import DataError
 
 EXIT_PASSED = 0
@@ -47,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Raises:
         DataError: The plan is not solved.
     """
-    options = tyro.cli(CheckOptions, prog=f"{CONSOLE} check", args=arguments)
+    options = parse_options(CheckOptions, "check", arguments)
 
     from dvr_jax.checker import describe
     from dvr_jax.planning.check import check

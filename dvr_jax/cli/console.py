@@ -10,6 +10,11 @@ from typing import NoReturn
 from dvr_jax import __version__
 from dvr_jax.cli.options import CONSOLE
 from dvr_jax.errors import OptionError, run_command
+from dvr_jax.runtime.interruption import end_on_interrupt, ignore_interrupts
+from dvr_jax.runtime.streams import open_closed_descriptors, secure_streams
+
+LONGEST_ARGUMENT = 1_000
+"""Characters of the longest argument of a command."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,21 +49,35 @@ COMMANDS: dict[str, Command] = {
 
 def main() -> NoReturn:
     """Run the command that the process names, and end the process with its exit code."""
+    _prepare_process()
     name = sys.argv[1] if len(sys.argv) > 1 else "--help"
 
     if name in ("-h", "--help"):
-        print(describe_commands())
-        sys.exit(0)
+        run_command(lambda: print(describe_commands()))
     if name == "--version":
-        print(f"{CONSOLE} {__version__}")
-        sys.exit(0)
+        run_command(lambda: print(f"{CONSOLE} {__version__}"))
     if name not in COMMANDS:
         run_command(lambda: _refuse(name))
 
     # The command finds its options in sys.argv, as under `python -m`.
-    command = COMMANDS[name]
     sys.argv = [f"{CONSOLE} {name}", *sys.argv[2:]]
-    run_command(lambda: _run(command), at_once=command.at_once)
+    _run(name)
+
+
+def run_module(name: str) -> NoReturn:
+    """Run a command as `python -m dvr_jax.COMMAND`, and end the process with its exit code.
+
+    The modules of these names call this before they import anything else, so that Ctrl-C has its effect from the start.
+    """
+    _prepare_process()
+    _run(name)
+
+
+def _prepare_process() -> None:
+    """Let nothing that happens to this process end in a traceback: neither Ctrl-C nor a stream that is closed."""
+    open_closed_descriptors()
+    end_on_interrupt()
+    secure_streams()
 
 
 def describe_commands() -> str:
@@ -71,11 +90,29 @@ def describe_commands() -> str:
     return "\n".join([usage, "", *lines, "", f"  {CONSOLE} --version prints the version"])
 
 
-def _run(command: Command) -> int | None:
-    """Import a command and run it."""
-    module = importlib.import_module(command.module)
-    exit_code: int | None = module.main()
-    return exit_code
+def _run(name: str) -> NoReturn:
+    """Import a command, run it, and end the process with its exit code."""
+    command = COMMANDS[name]
+
+    def main() -> int | None:
+        try:
+            _require_short_arguments()
+            module = importlib.import_module(command.module)
+            exit_code: int | None = module.main()
+            return exit_code
+        finally:
+            ignore_interrupts()
+
+    run_command(main, at_once=command.at_once)
+
+
+def _require_short_arguments() -> None:
+    """Refuse arguments that are too long for the complaints that quote them to fit on a screen."""
+    for number, argument in enumerate(sys.argv[1:], start=1):
+        if len(argument) > LONGEST_ARGUMENT:
+            raise OptionError(
+                f"argument {number} has {len(argument)} characters; valid are at most {LONGEST_ARGUMENT}."
+            )
 
 
 def _refuse(name: str) -> NoReturn:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from dvr_jax.cli.options import parse_options
+from dvr_jax.cli.options import LARGEST, LARGEST_NUMBER, parse_options, require_range
 from dvr_jax.errors import run_command
 
 if TYPE_CHECKING:
@@ -68,6 +68,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if given[:1] == ["repack"]:
         return repack(given[1:])
     options = parse_options(DatasetOptions, "dataset", given)
+    require_range("k_max", options.k_max, 1, LARGEST["k_max"])
+    require_range("completions", options.completions, 0, LARGEST_NUMBER)
 
     from dvr_jax.dataset.counts import count_infeasible_sequences, count_labels
     from dvr_jax.dataset.examples import count_targets, load_examples

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from dvr_jax.cli.options import parse_options
+from dvr_jax.cli.options import LARGEST, LARGEST_NUMBER, parse_options, require_range
 from dvr_jax.errors import DataError, OptionError, run_command
 
 if TYPE_CHECKING:
@@ -73,8 +73,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from dvr_jax.execution.repetition import ConditionRange
     from dvr_jax.planning.result import Plan
 
-    if options.repeat < 1:
-        raise OptionError(f"--repeat is {options.repeat}; valid is 1 or more.")
+    require_range("repeat", options.repeat, 1, LARGEST_NUMBER)
+    require_range("workers", options.workers, 1, LARGEST["workers"])
     variation = ConditionRange(options.object_noise / MILLIMETERS, options.friction, options.seed)
     if options.repeat > 1 and options.out is not None:
         raise OptionError(
@@ -90,12 +90,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _execute_once(plan: Plan, variation: ConditionRange, options: ExecuteOptions) -> int:
-    """Execute a plan once, report on every object, and write the animation."""
+    """Execute a plan once, write the animation, and report on every object."""
+    from dvr_jax.runtime.files import require_writable
     from dvr_jax.runtime.progress import Progress
 
+    path = options.out or options.plan / "execution.gif"
+    if options.animation:
+        # A place that cannot be written to is refused now, and not after the simulation.
+        require_writable(path)
     with Progress("simulating"):
         execution = _execution_under(plan, variation.conditions(0), options)
     report = execution.report
+    if options.animation:
+        with Progress("drawing the animation"):
+            _animate(path, plan, execution)
+
     print(f"{_verdict(report)} after {report.duration:.1f} s of simulated time")
     for item in report.objects:
         print(
@@ -106,9 +115,6 @@ def _execute_once(plan: Plan, variation: ConditionRange, options: ExecuteOptions
         print(f"first deviation: {report.deviation.sentence()}")
 
     if options.animation:
-        path = options.out or options.plan / "execution.gif"
-        with Progress("drawing the animation"):
-            _animate(path, plan, execution)
         print(f"animation: {path}")
     return EXIT_SUCCEEDED if report.succeeded else EXIT_FAILED
 
@@ -182,7 +188,6 @@ def _animate(path: Path, plan: Plan, execution: Execution) -> None:
     from dvr_jax.motion.motion import make_motion
 
     assert plan.motion is not None
-    path.parent.mkdir(parents=True, exist_ok=True)
     save_animation(
         path, plan.scene, make_motion(execution.time, execution.qpos, plan.motion.switch)
     )

@@ -41,6 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     from dvr_jax.planning.export import export_csv, export_ros
     from dvr_jax.planning.result import Plan
+    from dvr_jax.runtime.files import require_folder
     from dvr_jax.runtime.progress import Progress
 
     plan = Plan.load(options.plan)
@@ -48,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         raise DataError(f"the plan in {options.plan} is not solved, so that it has no motion.")
 
     folder = options.out or options.plan
-    folder.mkdir(parents=True, exist_ok=True)
+    require_folder(folder)
     with Progress("writing the motion"):
         export_csv(folder / CSV, plan.scene, plan.motion, options.rate)
         export_ros(folder / ROS, plan.scene, plan.motion)

@@ -48,8 +48,11 @@ class PlanOptions:
     network: Path | None = None
     """Trained network of the search's kind, for dvr and classifier: a file network.npz, or the folder of a training.
     By default the shipped network."""
-    k_max: int = 6
-    """Largest number of actions."""
+    k_max: int | None = None
+    """Largest number of actions; by default 6, and if these do not suffice, up to the lower bound on the number of
+    actions plus 4."""
+    shortest: bool = False
+    """Find a plan of the least number of actions."""
     seed: int = 0
     """Seed of all sampling; the same seed gives the same plan."""
     time_limit: float = 300.0
@@ -113,13 +116,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
             network=network,
             clearance=options.clearance,
             termination=options.termination,
+            shortest=options.shortest,
         )
-    keep_programs_of(purpose)
-    _print_plan(result, options)
-
     if options.out is not None:
+        # Written before anything is printed, because the reader of the output may have gone.
         with Progress("drawing the pictures"):
             result.save(options.out, animation=options.animation)
+
+    keep_programs_of(purpose)
+    _print_plan(result, options)
+    if options.out is not None:
         print(f"written to {options.out}/")
 
     return EXIT_SOLVED if result.solved else EXIT_NONE_FOUND
@@ -174,15 +180,25 @@ def _print_plan(result: Plan, options: PlanOptions) -> None:
         for number, description in enumerate(result.action_descriptions, start=1):
             print(f"  {number}. {description}")
     else:
-        print(
-            f"none found: {result.status} (at most {options.k_max} actions, {options.time_limit:g} s)"
-        )
+        k_max = result.options["k_max"]
+        print(f"none found: {result.status} (at most {k_max} actions, {options.time_limit:g} s)")
+        _print_reasons(result)
 
     nlps = ", ".join(f"{count} {bound}" for bound, count in result.nlps.items())
     print(f"NLPs solved: {nlps or 'none'}")
 
     seconds = ", ".join(f"{stage} {value:.2f}" for stage, value in result.seconds.items())
     print(f"seconds: {seconds}")
+
+
+def _print_reasons(result: Plan) -> None:
+    """Print why the scene has no solution, or why the most promising sequences fail."""
+    if result.reason is not None:
+        print(f"reason: {result.reason}")
+        return
+    for refuted in result.refuted:
+        print(f"  {' '.join(map(str, refuted.actions))}")
+        print(f"    {refuted.reason}")
 
 
 def _report_progress(line: str) -> None:

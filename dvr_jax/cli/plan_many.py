@@ -74,6 +74,7 @@ def _settings(options: PlanOptions) -> PlanSettings:
             options.network,
             options.clearance,
             options.termination,
+            options.shortest,
         )
     )
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from dvr_jax.cli.options import parse_options
+from dvr_jax.cli.options import LARGEST_NUMBER, parse_options, require_range
 from dvr_jax.errors import run_command
 
 
@@ -44,13 +44,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         The exit code.
     """
     options = parse_options(SampleOptions, "sample", arguments)
+    require_range("number", options.number, 1, LARGEST_NUMBER)
 
+    from dvr_jax.runtime.files import require_writable
     from dvr_jax.runtime.progress import Progress
     from dvr_jax.scene.files import save_scenes
     from dvr_jax.scene.random_scenes import sample_scenes
     from dvr_jax.scene.sampling import SceneDistribution
     from dvr_jax.workcell.workcell import named_workcell
 
+    # A place that cannot be written to is refused now, and not when all scenes have been drawn.
+    require_writable(options.out)
     workcell = named_workcell(options.workcell)
     distribution = SceneDistribution(
         shape=options.shape, cube_share=options.cubes, fixed_bodies=options.fixed

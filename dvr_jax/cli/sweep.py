@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from dvr_jax.cli.options import parse_options
+from dvr_jax.cli.options import LARGEST, LARGEST_NUMBER, parse_options, require_range
 from dvr_jax.errors import OptionError, run_command
 
 
@@ -49,12 +49,10 @@ class SweepOptions:
         """Refuse values that make no sense.
 
         Raises:
-            OptionError: A number is too small.
+            OptionError: A number is too small or too large.
         """
         for name in ("solutions", "leaves", "k_max", "shard", "width", "workers"):
-            value = getattr(self, name)
-            if value < 1:
-                raise OptionError(f"--{name.replace('_', '-')} is {value}; valid is 1 or more.")
+            require_range(name, getattr(self, name), 1, LARGEST.get(name, LARGEST_NUMBER))
 
         if self.seed < 0:
             raise OptionError(f"--seed is {self.seed}; valid is 0 or more.")

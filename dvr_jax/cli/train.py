@@ -41,6 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from dvr_jax.model.training_data import prepare_training_data
     from dvr_jax.model.training_record import write_training_record
     from dvr_jax.model.training_run import train
+    from dvr_jax.runtime.files import require_folder
     from dvr_jax.runtime.progress import Progress
 
     network = NetworkConfig(
@@ -50,6 +51,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         pooling=options.pooling,
         goal=options.kind == "dvr",
     )
+
+    # A folder that cannot be written to is refused now, and not when the scenes have been rendered.
+    require_folder(options.out)
 
     # Held-out data are loaded as the training data are; without any, a fraction of the scenes is held out.
     load = partial(examples.load_examples, completions=options.completions, k_max=options.k_max)

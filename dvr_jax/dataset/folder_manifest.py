@@ -12,7 +12,8 @@ from dvr_jax.dataset.counts import count_labels
 from dvr_jax.dataset.footer import ShardInfo
 from dvr_jax.dataset.shards import SUFFIX, list_shards
 from dvr_jax.errors import DvrError
-from dvr_jax.runtime.files import write_whole
+from dvr_jax.runtime.files import read_whole, write_whole
+from dvr_jax.runtime.json_text import parse_json
 
 MANIFEST = "_manifest.json"
 """Readers of Parquet folders (pyarrow, pandas, DuckDB's and Spark's) take no file for data whose name begins so."""
@@ -60,11 +61,11 @@ def renew_checksums(directory: Path) -> None:
     """
     path = directory / MANIFEST
     try:
-        manifest = json.loads(path.read_text(encoding="utf-8"))
+        manifest = parse_json(read_whole(path))
     except ValueError as error:
-        raise DvrError(f"{path} is no JSON ({error}); remove it to go on without it.") from None
+        raise DvrError(f"{path} is no JSON ({error}); move it away to go on without it.") from None
     if not isinstance(manifest, dict):
-        raise DvrError(f"{path} is no JSON object; remove it to go on without it.")
+        raise DvrError(f"{path} is no JSON object; move it away to go on without it.")
 
     manifest["shards"] = [_entry(info) for info in list_shards(directory)]
     _write(directory, manifest)

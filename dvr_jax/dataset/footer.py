@@ -15,6 +15,7 @@ import msgspec
 import dvr_jax
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import domain_signature
+from dvr_jax.runtime.json_text import parse_json
 
 FIRST_SCHEMA = 1
 """The layout of `dvr_jax.dataset.first_layout`, which is still read."""
@@ -26,7 +27,11 @@ PACKAGES = ("jax", "jaxlib", "mujoco", "numpy", "pyarrow")
 """Packages whose versions are written down."""
 
 
-class Footer(msgspec.Struct, frozen=True, kw_only=True):
+CHECKSUM = "sha256"
+"""How the checksum of a file is computed: see `dvr_jax.dataset.file_checksum`."""
+
+
+class Footer(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The JSON record under the key `dvr_jax` of the Parquet metadata of a shard."""
 
     schema: int
@@ -52,6 +57,9 @@ class Footer(msgspec.Struct, frozen=True, kw_only=True):
 
     versions: dict[str, str]
     """Versions of this package, of Python and of PACKAGES."""
+
+    checksum: str = ""
+    """CHECKSUM if the file has one; shards before version 0.10 have none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +119,7 @@ def make_footer(scenes: range, labels: int, options: Mapping[str, Any]) -> Foote
         options=plain,
         domain=domain_signature(),
         versions=versions(),
+        checksum=CHECKSUM,
     )
 
 
@@ -133,14 +142,14 @@ def decode_footer(text: bytes, path: Path) -> Footer:
         DvrError: the text is broken, or the layout or the domain is another one.
     """
     try:
-        schema = json.loads(text)["schema"]
+        schema = parse_json(text)["schema"]
         if schema not in (FIRST_SCHEMA, SCHEMA_VERSION):
             raise DvrError(
                 f"{path} is a shard of schema version {schema!r}; valid are {FIRST_SCHEMA} and {SCHEMA_VERSION}."
             )
         footer = msgspec.json.decode(text, type=Footer)
         footer.versions["dvr_jax"]
-    except (ValueError, LookupError, TypeError, msgspec.MsgspecError) as error:
+    except (ValueError, LookupError, TypeError, RecursionError, msgspec.MsgspecError) as error:
         raise DvrError(
             f"{path} has a broken footer ({error}); valid is a shard of dvr_jax.dataset."
         ) from None
@@ -170,7 +179,7 @@ def require_agreement(infos: list[ShardInfo]) -> None:
             )
         if info.footer.first < before.footer.stop:
             raise DvrError(
-                f"{info} and {before} overlap; valid is each scene in one shard: remove one of both."
+                f"{info} and {before} overlap; valid is each scene in one shard: move one of both away."
             )
 
 

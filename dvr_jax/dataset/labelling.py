@@ -75,10 +75,12 @@ class Labelling(SearchSession):
         """
         return self.order.sample(leaves, len(leaves))
 
-    def judge_prefix_chains(self, leaves: list[Node]) -> Steps[list[Node]]:
+    def judge_prefix_chains(
+        self, leaves: list[Node], relax_first: bool = False
+    ) -> Steps[list[Node]]:
         """Judge leaves by the sequence bound, and count them."""
         self.judged += len(leaves)
-        return (yield from super().judge_prefix_chains(leaves))
+        return (yield from super().judge_prefix_chains(leaves, relax_first))
 
     def try_leaves(self, leaves: list[Node]) -> Steps[Outcome | None]:
         """Solve the paths of leaves in their order; there is an outcome once enough is known."""
@@ -117,7 +119,7 @@ def label_scene(
         DvrError: the scene has no sequence tree; the message names its index.
     """
     try:
-        tree = SequenceTree(scene, options.k_max, options.seed)
+        tree = SequenceTree(scene, options.k_max, options.seed, is_relaxed=False)
     except DvrError as error:
         raise DvrError(f"scene {index}: {error}") from None
 

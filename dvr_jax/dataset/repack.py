@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 
 from dvr_jax.dataset.folder_manifest import MANIFEST, renew_checksums
-from dvr_jax.dataset.footer import SCHEMA_VERSION, ShardInfo
+from dvr_jax.dataset.footer import CHECKSUM, SCHEMA_VERSION, ShardInfo
 from dvr_jax.dataset.shards import list_shards, read_columns, read_shard, same_rows, shard_content
 from dvr_jax.errors import DvrError
 from dvr_jax.runtime.files import write_whole
@@ -55,8 +55,9 @@ def repack_folder(directory: Path) -> Iterator[RepackedShard]:
 def repack_shard(info: ShardInfo) -> RepackedShard:
     """Write a shard in the present layout.
 
-    The footer keeps the versions and options that made the labels; only the number of the layout changes. The new file
-    is read beside the old one and must hold the same rows before it takes the old one's place.
+    The footer keeps the versions and options that made the labels; only the number of the layout changes, and a
+    checksum is added. The new file is read beside the old one and must hold the same rows before it takes the old
+    one's place.
 
     Args:
         info: place and footer of the shard.
@@ -69,7 +70,7 @@ def repack_shard(info: ShardInfo) -> RepackedShard:
     """
     before = read_shard(info.path)
     bytes_before = info.path.stat().st_size
-    footer = msgspec.structs.replace(info.footer, schema=SCHEMA_VERSION)
+    footer = msgspec.structs.replace(info.footer, schema=SCHEMA_VERSION, checksum=CHECKSUM)
     content = shard_content(read_columns(info), footer)
 
     # Written beside the old file, under a name that no reader of the folder looks at.

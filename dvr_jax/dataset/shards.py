@@ -6,18 +6,22 @@ same.
 """
 
 import io
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby, pairwise
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from dvr_jax.dataset import first_layout, layout
 from dvr_jax.dataset.columns import Columns, columns_of, labels_in
+from dvr_jax.dataset.file_checksum import BLANK, CHECKSUM_KEY, is_sealed, is_whole, seal
 from dvr_jax.dataset.footer import (
+    CHECKSUM,
     FIRST_SCHEMA,
     Footer,
     ShardInfo,
@@ -29,7 +33,7 @@ from dvr_jax.dataset.footer import (
 from dvr_jax.dataset.labels import Label, same_label, sort_labels, validate_labels
 from dvr_jax.dataset.sequence_index import sequence_index_of
 from dvr_jax.errors import DvrError
-from dvr_jax.runtime.files import write_whole
+from dvr_jax.runtime.files import read_whole, write_whole
 from dvr_jax.scene.files import scene_from_json, scene_to_json
 from dvr_jax.scene.types import Scene
 
@@ -38,6 +42,9 @@ KEY = b"dvr_jax"
 
 SUFFIX = ".parquet"
 """End of the name of a shard."""
+
+OWN_NAME = r"labels-\d{6}\.parquet"
+"""Names that a sweep gives its shards."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,11 +119,12 @@ def shard_content(columns: Columns, footer: Footer) -> bytes:
         The bytes of the file.
     """
     table = layout.to_table(columns, footer.first)
+    sealed = msgspec.structs.replace(footer, checksum=CHECKSUM)
     content = io.BytesIO()
     with pq.ParquetWriter(content, table.schema, **layout.PARQUET_OPTIONS) as writer:
         writer.write_table(table)
-        writer.add_key_value_metadata({KEY: encode_footer(footer)})
-    return content.getvalue()
+        writer.add_key_value_metadata({KEY: encode_footer(sealed), CHECKSUM_KEY: BLANK})
+    return seal(content.getvalue())
 
 
 def read_shard(path: str | Path) -> Shard:
@@ -155,10 +163,12 @@ def read_info(path: str | Path) -> ShardInfo:
         OSError: the file cannot be read.
     """
     path = Path(path)
+    content = _read_whole_shard(path)
     try:
-        schema = pq.read_schema(path)
-    except (pa.ArrowException, OSError, UnicodeError) as error:
-        raise _refusal(path, error) from None
+        schema = pq.read_schema(pa.BufferReader(content))
+    except Exception as error:
+        # Arrow's own errors are of many kinds, and bytes that are no text are one more.
+        raise DvrError(_broken(path, error)) from None
 
     text = (schema.metadata or {}).get(KEY)
     is_known = any(schema.equals(known) for known in (first_layout.SCHEMA, layout.SCHEMA))
@@ -166,7 +176,11 @@ def read_info(path: str | Path) -> ShardInfo:
         raise DvrError(
             f"{path} is a Parquet file, but no shard of labels; valid are files of dvr_jax.dataset."
         )
-    return ShardInfo(path, decode_footer(text, path))
+
+    footer = decode_footer(text, path)
+    if footer.checksum and not is_sealed(content):
+        raise DvrError(_broken(path, "its checksum is missing"))
+    return ShardInfo(path, footer)
 
 
 def read_columns(info: ShardInfo) -> Columns:
@@ -183,12 +197,13 @@ def read_columns(info: ShardInfo) -> Columns:
         OSError: the file cannot be read.
     """
     own_layout = first_layout if info.footer.schema == FIRST_SCHEMA else layout
+    content = _read_whole_shard(info.path)
     try:
-        table = pq.read_table(info.path, page_checksum_verification=True)
+        table = pq.read_table(pa.BufferReader(content), page_checksum_verification=True)
         table.validate(full=True)
         columns = own_layout.from_table(table)
-    except (pa.ArrowException, OSError, ValueError, LookupError) as error:
-        raise _refusal(info.path, error) from None
+    except Exception as error:
+        raise DvrError(_broken(info.path, error)) from None
 
     same_scenes = table["scene"].to_pylist() == list(info.scenes)
     same_number = len(columns.bound) == info.footer.labels
@@ -263,17 +278,19 @@ def _folder_of(info: ShardInfo) -> Path:
     return info.path.parent.resolve()
 
 
-def _refusal(path: Path, error: Exception) -> Exception:
-    """Return what to raise for an error of Arrow.
-
-    Arrow's complaints of the content of a file, wrong checksums among them, have no error number. Those of the
-    operating system have one and are passed on.
-    """
-    if isinstance(error, OSError) and error.errno is not None:
-        return error
-    return DvrError(_broken(path, error))
+def _read_whole_shard(path: Path) -> bytes:
+    """Return the content of a file, and refuse one that has not the checksum that it was written with."""
+    content = read_whole(path)
+    if is_sealed(content) and not is_whole(content):
+        raise DvrError(_broken(path, "its checksum is another one"))
+    return content
 
 
 def _broken(path: Path, why: object) -> str:
-    reason = " ".join(str(why).split()).rstrip(".")
-    return f"{path} is no whole shard ({reason}); remove it, and the sweep will write it again."
+    """Say that a file is no whole shard; only what has the name of a sweep's own file may be removed."""
+    reason = " ".join(str(why).split()).rstrip(".") or type(why).__name__
+    is_ours = re.fullmatch(OWN_NAME, path.name) is not None
+    advice = (
+        "remove it, and the sweep will write it again" if is_ours else "valid is a sweep's shard"
+    )
+    return f"{path} is no whole shard ({reason}); {advice}."

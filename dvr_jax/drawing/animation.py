@@ -1,5 +1,6 @@
 """The animation of a motion: a GIF that repeats."""
 
+import io
 import math
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from PIL import Image
 from dvr_jax.drawing.picture import render_states
 from dvr_jax.errors import DvrError
 from dvr_jax.motion.motion import Motion
+from dvr_jax.runtime.files import write_whole
 from dvr_jax.scene.mjcf import build_model
 from dvr_jax.scene.types import Scene
 
@@ -34,10 +36,37 @@ def save_animation(
     width: int = 320,
     height: int = 200,
 ) -> None:
-    """Write a motion as a GIF that repeats.
+    """Write a motion as a GIF that repeats, whole or not at all.
 
     Args:
         path: File to write.
+        scene: The scene.
+        motion: Its motion.
+        frames_per_second: Frames in each second of the animation, as far as `MOST_FRAMES` allows [1/s].
+        speed: How many times as fast as the motion the animation is.
+        width: Width of the animation [pixels].
+        height: Height of the animation [pixels].
+
+    Raises:
+        DvrError: `frames_per_second` or `speed` is no positive number.
+        OSError: The file cannot be written.
+    """
+    write_whole(
+        Path(path), encode_animation(scene, motion, frames_per_second, speed, width, height)
+    )
+
+
+def encode_animation(
+    scene: Scene,
+    motion: Motion,
+    frames_per_second: float = 8.0,
+    speed: float = 1.0,
+    width: int = 320,
+    height: int = 200,
+) -> bytes:
+    """Return the content of the GIF that `save_animation` writes.
+
+    Args:
         scene: The scene.
         motion: Its motion.
         frames_per_second: Frames in each second of the animation, as far as `MOST_FRAMES` allows [1/s].
@@ -62,8 +91,9 @@ def save_animation(
     frames = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     frame_time = max(SHORTEST_FRAME, round(1000 * duration / (count - 1)))
     times = [frame_time] * (count - 1) + [round(1000 * LAST_FRAME_SECONDS)]
+    content = io.BytesIO()
     frames[0].save(
-        path,
+        content,
         "GIF",
         save_all=True,
         append_images=frames[1:],
@@ -72,6 +102,7 @@ def save_animation(
         optimize=True,
         disposal=1,
     )
+    return content.getvalue()
 
 
 def _common_palette(pictures: list[Image.Image]) -> Image.Image:

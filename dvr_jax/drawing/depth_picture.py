@@ -1,5 +1,6 @@
 """A picture of what the network sees of a scene: the depth image with its scale, and all masks."""
 
+import io
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +10,7 @@ from jaxtyping import Bool, Float, UInt8
 from PIL import Image, ImageDraw
 
 from dvr_jax.drawing.lettering import GAP, INK, PAPER, Ink, Line, write_line
+from dvr_jax.runtime.files import write_whole
 from dvr_jax.scene.camera import FARTHEST_DEPTH, DepthImage, render_depth
 from dvr_jax.scene.colors import GOAL_COLOR, object_colors
 from dvr_jax.scene.pinhole import SCENE_CAMERA
@@ -94,12 +96,17 @@ class _Mask:
 
 
 def save_depth_picture(path: str | Path, scene: Scene) -> None:
-    """Write what the camera sees of a scene as a PNG.
+    """Write what the camera sees of a scene as a PNG, whole or not at all.
 
     Args:
         path: File to write.
         scene: The scene.
     """
+    write_whole(Path(path), encode_depth_picture(scene))
+
+
+def encode_depth_picture(scene: Scene) -> bytes:
+    """Return the content of the PNG that `save_depth_picture` writes."""
     view = render_depth(scene, DEPTH_PIXELS, DEPTH_PIXELS)
     scale = _scale_of(scene)
     masks = _masks_of(scene, view)
@@ -123,7 +130,9 @@ def save_depth_picture(path: str | Path, scene: Scene) -> None:
         painted = np.where(mask.pixels[..., None], np.array(mask.color), np.array(UNMASKED_COLOR))
         picture.paste(_enlarge(painted.astype(np.uint8), small, small), (x, y + HEAD_HEIGHT))
 
-    picture.save(path, "PNG", optimize=True)
+    content = io.BytesIO()
+    picture.save(content, "PNG", optimize=True)
+    return content.getvalue()
 
 
 def _scale_of(scene: Scene) -> _Scale:

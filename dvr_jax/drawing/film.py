@@ -1,5 +1,6 @@
 """The film strip of a plan: one picture of the start and one of each mode switch, with the action in words."""
 
+import io
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,6 +11,7 @@ from dvr_jax.drawing.lettering import BAND, GAP, PAPER, SOFT_INK, Line, write_li
 from dvr_jax.drawing.picture import render_states
 from dvr_jax.errors import DvrError
 from dvr_jax.motion.motion import Motion
+from dvr_jax.runtime.files import write_whole
 from dvr_jax.scene.colors import SPELLINGS, object_color_names
 from dvr_jax.scene.mjcf import build_model
 from dvr_jax.scene.types import Scene
@@ -36,10 +38,25 @@ def save_film(
     action_descriptions: Sequence[str],
     motion: Motion,
 ) -> None:
-    """Write the initial state and the state at each mode switch as one PNG.
+    """Write the initial state and the state at each mode switch as one PNG, whole or not at all.
 
     Args:
         path: File to write.
+        scene: The scene.
+        action_descriptions: Each action in words, as `Plan.action_descriptions` has them.
+        motion: The motion that carries out the actions.
+
+    Raises:
+        DvrError: The motion has more or fewer switches than there are actions.
+        OSError: The file cannot be written.
+    """
+    write_whole(Path(path), encode_film(scene, action_descriptions, motion))
+
+
+def encode_film(scene: Scene, action_descriptions: Sequence[str], motion: Motion) -> bytes:
+    """Return the content of the PNG that `save_film` writes.
+
+    Args:
         scene: The scene.
         action_descriptions: Each action in words, as `Plan.action_descriptions` has them.
         motion: The motion that carries out the actions.
@@ -73,7 +90,9 @@ def save_film(
         film.paste(Image.fromarray(picture), (left, top))
         _write_caption(draw, left, top + PANEL_HEIGHT, caption)
 
-    film.save(path, "PNG", optimize=True)
+    content = io.BytesIO()
+    film.save(content, "PNG", optimize=True)
+    return content.getvalue()
 
 
 def _write_title(draw: ImageDraw.ImageDraw, scene: Scene, width: int) -> None:

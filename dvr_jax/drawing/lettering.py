@@ -55,7 +55,9 @@ def write_line(draw: ImageDraw.ImageDraw, middle_left: tuple[int, int], line: Li
     Returns:
         Width of what was written [pixels].
     """
-    text = "".join(letter if letter.isprintable() else "?" for letter in line.text)
+    # No letter is narrower than half a pixel, so what lies behind can never be seen, and is not measured.
+    seen = line.text[: 2 * max(line.width, 0) + 1]
+    text = "".join(letter if letter.isprintable() else "?" for letter in seen)
     size = line.size
     font = ImageFont.load_default(size)
     while size > SMALLEST_FONT and draw.textlength(text, font=font) > line.width:
@@ -63,13 +65,33 @@ def write_line(draw: ImageDraw.ImageDraw, middle_left: tuple[int, int], line: Li
         font = ImageFont.load_default(size)
 
     shown = text
-    while text and draw.textlength(shown, font=font) > line.width:
-        text = text[:-1]
-        shown = text.rstrip() + "..."
+    if draw.textlength(shown, font=font) > line.width:
+        shown = _shorten(draw, text, font, line.width)
 
-    if not text:
+    if not shown:
         return 0
 
     draw.text(middle_left, shown, fill=line.ink, font=font, anchor="lm")
 
     return math.ceil(draw.textlength(shown, font=font))
+
+
+def _shorten(
+    draw: ImageDraw.ImageDraw,
+    text: str,
+    font: ImageFont.FreeTypeFont | ImageFont.ImageFont,
+    width: int,
+) -> str:
+    """Return the longest beginning of a text that fits with three dots behind it; nothing if none does.
+
+    Halving the interval in which its length lies measures a text some ten times, and not once for each letter.
+    """
+    fits, too_long = 0, len(text)
+    while too_long - fits > 1:
+        middle = (fits + too_long) // 2
+        if draw.textlength(text[:middle].rstrip() + "...", font=font) <= width:
+            fits = middle
+        else:
+            too_long = middle
+
+    return text[:fits].rstrip() + "..." if fits else ""

@@ -189,20 +189,38 @@ class Grounding:
         Raises:
             LogicError: an action does not apply, or the goal first holds elsewhere than at the end.
         """
-        states = self.apply(sequence)
-        goal = " and ".join(map(text_of_fact, self.facts_in(self.goal)))
-        steps_at_goal = [step for step, state in enumerate(states) if self.is_goal(state)]
-        if not steps_at_goal:
+        states = self.check_prefix(sequence)
+        if not self.is_goal(states[-1]):
             raise LogicError(
-                f"this sequence of length {len(sequence)} does not reach the goal {goal}."
-            )
-
-        first = steps_at_goal[0]
-        if first < len(sequence):
-            raise LogicError(
-                f"the goal {goal} holds after {first} of {len(sequence)} actions: the sequence must end there."
+                f"this sequence of length {len(sequence)} does not reach the goal {self._goal_text}."
             )
         return states
+
+    def check_prefix(self, sequence: Sequence[Action]) -> tuple[int, ...]:
+        """Apply actions, and require that the goal does not hold before the last one.
+
+        Args:
+            sequence: K actions.
+
+        Returns:
+            The K + 1 states before, between and after the actions.
+
+        Raises:
+            LogicError: an action does not apply, or the goal holds before the end.
+        """
+        states = self.apply(sequence)
+        first = next((step for step, state in enumerate(states) if self.is_goal(state)), None)
+        if first is not None and first < len(sequence):
+            raise LogicError(
+                f"the goal {self._goal_text} holds after {first} of {len(sequence)} actions: "
+                "the sequence must end there."
+            )
+        return states
+
+    @property
+    def _goal_text(self) -> str:
+        """The facts of the goal, as text."""
+        return " and ".join(map(text_of_fact, self.facts_in(self.goal)))
 
     def _explain_inapplicable(self, state: int, index: int) -> str:
         """Say which facts keep an action from applying in a state."""

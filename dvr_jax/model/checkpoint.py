@@ -3,6 +3,8 @@
 A checkpoint holds the parameters, the optimizer's state, the number of steps done, the seed of the order of the data
 and the metadata of the network (`dvr_jax.model.metadata`). A batch is a function of seed and step, so these two are
 the whole state of that order.
+
+A checkpoint that is damaged is passed over: the latest one that is as it was written counts.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ import optax
 import orbax.checkpoint as ocp
 
 from dvr_jax.errors import DvrError
+from dvr_jax.model.checkpoint_files import SEAL, damage_of, seal_folder, set_aside
 from dvr_jax.model.metadata import NetworkMetadata, check_parameters
 from dvr_jax.model.network import NetworkParameters, initial_parameters
 
@@ -51,7 +54,7 @@ class TrainingState:
 
 
 class CheckpointFolder:
-    """The checkpoints of one run; a checkpoint is there whole or not at all."""
+    """The checkpoints of one run; a checkpoint is there whole or not at all, and a damaged one does not count."""
 
     def __init__(self, folder: Path, keep: int = 2) -> None:
         """Open the folder, or make it.
@@ -61,19 +64,45 @@ class CheckpointFolder:
             keep: Number of checkpoints that stay when further ones are written.
         """
         # Orbax reports every file that it writes.
-        logging.getLogger("absl").setLevel(logging.ERROR)
+        logging.getLogger("absl").setLevel(logging.CRITICAL)
         self.folder = folder
+        self._keep = keep
+        self._manager: Any = None
         folder.mkdir(parents=True, exist_ok=True)
 
-        options = ocp.CheckpointManagerOptions(
-            max_to_keep=keep,
-            enable_async_checkpointing=False,
-        )
-        self._manager = ocp.CheckpointManager(folder.absolute(), options=options)
-
     def latest(self) -> int | None:
-        """Return the step of the latest checkpoint, or None if there is none."""
-        return self._manager.latest_step()
+        """Return the step of the latest checkpoint that is not damaged, or None if there is no checkpoint at all.
+
+        Raises:
+            DvrError: There are checkpoints, and all are damaged.
+        """
+        steps = sorted(self._steps(), reverse=True)
+        for step in steps:
+            if self._damage(step) is None:
+                return step
+
+        if steps:
+            raise DvrError(
+                f"{self._name(steps[0])}: {self._damage(steps[0])}, and no other checkpoint is intact; valid is a "
+                "folder with an intact one, or a new folder."
+            )
+        return None
+
+    def set_damaged_aside(self) -> list[str]:
+        """Rename the damaged checkpoints behind the latest intact one, so that training can write their steps again.
+
+        Returns:
+            One sentence for each.
+        """
+        latest = self.latest()
+        sentences = []
+        for step in sorted(self._steps()):
+            if latest is not None and step > latest:
+                damage = self._damage(step)
+                place = set_aside(self._folder_of(step))
+                sentences.append(f"{self._name(step)}: {damage}; it is now {place.name}")
+
+        return sentences
 
     def save(self, state: TrainingState, metadata: NetworkMetadata) -> None:
         """Write a checkpoint.
@@ -86,10 +115,11 @@ class CheckpointFolder:
             **{
                 _PARAMETERS: ocp.args.StandardSave(state.parameters.tree),
                 _REST: ocp.args.StandardSave(state.arrays_beside_parameters()),
-                _METADATA: ocp.args.JsonSave(metadata.to_json()),
+                _METADATA: ocp.args.JsonSave({**metadata.to_json(), SEAL: True}),
             }
         )
-        self._manager.save(state.step, args=parts)
+        self._open_manager().save(state.step, args=parts)
+        seal_folder(self._folder_of(state.step))
 
     def metadata(self, step: int) -> NetworkMetadata:
         """Return the metadata of the checkpoint of a step."""
@@ -138,7 +168,8 @@ class CheckpointFolder:
 
     def close(self) -> None:
         """Release the folder."""
-        self._manager.close()
+        if self._manager is not None:
+            self._manager.close()
 
     def _require_latest(self) -> int:
         """Return the step of the latest checkpoint, and refuse a folder without any."""
@@ -152,12 +183,38 @@ class CheckpointFolder:
     def _restore(self, step: int, parts: dict[str, Any]) -> Any:
         """Return these parts of a checkpoint."""
         try:
-            return self._manager.restore(step, args=ocp.args.Composite(**parts))
-        except (ValueError, TypeError, KeyError, FileNotFoundError) as error:
+            with ocp.Checkpointer(ocp.CompositeCheckpointHandler()) as checkpointer:
+                return checkpointer.restore(self._folder_of(step), args=ocp.args.Composite(**parts))
+        except Exception as error:
+            # The libraries that read the files raise errors of a dozen kinds.
             reason = str(error).partition("\n")[0]
             raise DvrError(
                 f"{self._name(step)}: the checkpoint cannot be read ({reason})."
             ) from None
+
+    def _open_manager(self) -> Any:
+        """Return orbax's manager, which writes checkpoints, and reads files of all of them when it is made."""
+        if self._manager is None:
+            options = ocp.CheckpointManagerOptions(
+                max_to_keep=self._keep,
+                enable_async_checkpointing=False,
+            )
+            self._manager = ocp.CheckpointManager(self.folder.absolute(), options=options)
+        return self._manager
+
+    def _steps(self) -> list[int]:
+        """Return the steps of all checkpoints, damaged or not."""
+        names = [path.name for path in self.folder.iterdir() if path.is_dir()]
+        return [int(name) for name in names if name.isascii() and name.isdecimal()]
+
+    def _folder_of(self, step: int) -> Path:
+        """Return the folder of a checkpoint."""
+        return self.folder.absolute() / str(step)
+
+    def _damage(self, step: int) -> str | None:
+        """Return what is wrong with the files of a checkpoint, or None."""
+        folder = self._folder_of(step)
+        return damage_of(folder, folder / _METADATA / "metadata")
 
     def _name(self, step: int) -> str:
         """Return the name of a checkpoint in messages."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,12 @@ from flax import traverse_util
 from dvr_jax.errors import DvrError
 from dvr_jax.model.metadata import NetworkMetadata, check_parameters, flatten
 from dvr_jax.model.network import NetworkParameters
+from dvr_jax.runtime.archives import read_arrays
 from dvr_jax.runtime.files import write_whole
+from dvr_jax.runtime.json_text import parse_json
+
+LARGEST_NETWORK = 1 << 31
+"""Bytes of the largest network that is read."""
 
 METADATA_ENTRY = "header"
 """Name of the metadata among the arrays of a file."""
@@ -58,12 +62,11 @@ def load_parameters(path: Path) -> tuple[NetworkParameters, NetworkMetadata]:
     if path.is_dir():
         return _load_latest_checkpoint(path)
     try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-        record = json.loads(str(arrays.pop(METADATA_ENTRY)))
-    except (ValueError, KeyError, EOFError, AttributeError, TypeError, zipfile.BadZipFile):
+        arrays: dict[str, Any] = read_arrays(path, LARGEST_NETWORK)
+        record = parse_json(str(arrays.pop(METADATA_ENTRY)))
+    except (ValueError, KeyError) as error:
         raise DvrError(
-            f"{path}: this is no exported network; valid is a file that training has written."
+            f"{path}: this is no exported network ({error}); valid is a file that training has written."
         ) from None
 
     metadata = NetworkMetadata.from_json(record, str(path))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import json
+import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -10,7 +12,8 @@ from types import TracebackType
 from tensorboardX import SummaryWriter
 
 from dvr_jax.errors import DvrError
-from dvr_jax.runtime.files import write_whole
+from dvr_jax.runtime.files import append_line, read_whole, write_whole
+from dvr_jax.runtime.json_text import parse_json
 
 Record = dict[str, float]
 """Figures of one step by name, such as "train/loss", and the step itself as "step"."""
@@ -21,6 +24,9 @@ TITLES = {
     "top1": "greedy sequence is feasible",
 }
 """Title of the curves of each figure."""
+
+CHECKSUM = "checksum"
+"""Name of the checksum in a line."""
 
 PARTS = ("train", "validation")
 """Parts of the data of which figures are recorded."""
@@ -39,7 +45,8 @@ class History:
         self.path = folder / "history.jsonl"
         self.records = [record for record in read_history(self.path) if record["step"] <= step]
         folder.mkdir(parents=True, exist_ok=True)
-        lines = [json.dumps(record) + "\n" for record in self.records]
+        self._checksum = 0
+        lines = [self._to_line(record) for record in self.records]
         write_whole(self.path, "".join(lines).encode())
 
         # TensorBoard drops the same records; a new run has none to drop.
@@ -60,8 +67,12 @@ class History:
             self._events.add_scalar(f"{part}/{name}", value, step)
 
         self.records.append(record)
-        with self.path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(record) + "\n")
+        append_line(self.path, self._to_line(record))
+
+    def _to_line(self, record: Record) -> str:
+        """Return the next line: the record as JSON, with a checksum of it and of all lines before it."""
+        self._checksum = _checksum_after(self._checksum, record)
+        return json.dumps({**record, CHECKSUM: self._checksum}) + "\n"
 
     def __enter__(self) -> History:
         return self
@@ -79,33 +90,65 @@ def read_history(path: Path) -> list[Record]:
     """Return all records of a run, and none if there is no file.
 
     A last line that was cut short by a kill is left out.
+
+    Raises:
+        DvrError: A line is no record, or not the one that was written.
+        OSError: The file cannot be read.
     """
     if not path.exists():
         return []
 
-    lines = path.read_text(encoding="utf-8").splitlines()
-    records = []
+    content = read_whole(path)
+    *lines, _ = content.split(b"\n")
+    records: list[Record] = []
+    # Histories before version 0.10 have no checksums.
+    checksum = 0 if CHECKSUM.encode() in content else None
     for number, line in enumerate(lines, start=1):
-        try:
-            record = json.loads(line)
-        except ValueError:
-            if number == len(lines):
-                break
-            record = None
-
-        if not _is_record(record):
-            raise DvrError(
-                f"{path}, line {number}: this is no record of a training; remove the file."
-            )
+        place = f"{path}, line {number}"
+        record = _record_of(line, place)
+        found = record.pop(CHECKSUM, None)
+        if checksum is not None:
+            checksum = _checksum_after(checksum, record)
+        if found != checksum:
+            raise _refusal(place, "its checksum is another one")
         records.append(record)
+
+    # What follows the last line break was cut short by a kill.
     return records
 
 
+def _checksum_after(before: int, record: Record) -> int:
+    """Return the checksum of a record and of all before it, given that of all before it."""
+    return zlib.crc32(json.dumps(record).encode(), before)
+
+
+def _record_of(line: bytes, place: str) -> Record:
+    """Return the record of a line, with its checksum."""
+    try:
+        record = parse_json(line)
+    except ValueError as error:
+        raise _refusal(place, str(error)) from None
+
+    if not _is_record(record):
+        raise _refusal(place, "a record has a step, and figures with names such as train/loss")
+    return dict(record)
+
+
+def _refusal(place: str, reason: str) -> DvrError:
+    return DvrError(
+        f"{place}: this is no record of a training ({reason}); move the file away, and the training goes on "
+        "without these records."
+    )
+
+
 def _is_record(value: object) -> bool:
-    """Return whether a JSON value is a record."""
+    """Return whether a JSON value is a record, with or without a checksum."""
     if not isinstance(value, dict) or "step" not in value:
         return False
-    return all(isinstance(figure, int | float) for figure in value.values())
+
+    names = [name for name in value if name not in ("step", CHECKSUM)]
+    is_named = all(name.partition("/")[0] in PARTS for name in names)
+    return is_named and all(type(figure) in (int, float) for figure in value.values())
 
 
 def save_curves(path: Path, records: Sequence[Record]) -> bool:
@@ -141,5 +184,7 @@ def save_curves(path: Path, records: Sequence[Record]) -> bool:
         axes.locator_params(axis="x", nbins=5)
         axes.grid(alpha=0.3)
 
-    figure.savefig(path, dpi=120)
+    content = io.BytesIO()
+    figure.savefig(content, format="png", dpi=120)
+    write_whole(path, content.getvalue())
     return True

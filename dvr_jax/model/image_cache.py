@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import io
-import zipfile
-import zlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -19,6 +17,7 @@ from dvr_jax.model.images import (
     scene_images,
     stack_images,
 )
+from dvr_jax.runtime.archives import read_arrays
 from dvr_jax.runtime.files import write_whole
 from dvr_jax.scene.pinhole import SCENE_CAMERA
 from dvr_jax.scene.types import Scene
@@ -61,11 +60,12 @@ def cached_images(
 def _read(cache: Path, key: str) -> ImageStack | None:
     """Return the images of a file, or None if there is no file or it has another key."""
     try:
-        with np.load(cache, allow_pickle=False) as file:
-            if str(file["key"]) != key:
-                return None
-            return ImageStack(file["height"], file["masks"])
-    except (FileNotFoundError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error):
+        arrays = read_arrays(cache)
+        if str(arrays["key"]) != key:
+            return None
+        return ImageStack(arrays["height"], arrays["masks"])
+    except (OSError, ValueError, KeyError):
+        # Missing or damaged: the images are rendered again.
         return None
 
 

@@ -14,6 +14,7 @@ zeros, which stands for an absent second object.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -40,6 +41,9 @@ LARGEST_HEIGHT = 2.0
 
 WHOLE_PIXEL = 255
 """Value of a mask at a pixel that the object covers completely."""
+
+MOST_OFF = 10.0
+"""Factor by which the median depth of an image may be off: 1000 would be millimeters."""
 
 BRIGHTNESS = 16.0
 """Value that the network gets for a height of 1 and for a pixel that a mask covers completely.
@@ -101,12 +105,14 @@ def depth_images(scene: Scene, image: DepthImage, size: int) -> SceneImages:
         The images.
 
     Raises:
-        DvrError: The shapes do not fit the scene or the size.
+        DvrError: The shapes do not fit the scene or the size, or the depth is not in meters.
     """
     pixels = len(image.depth)
     _check_shapes(scene, image, size)
+    empty = empty_depth(scene.workcell, pixels, pixels)
+    _check_unit(image, empty)
 
-    height = (empty_depth(scene.workcell, pixels, pixels) - image.depth) / UNIT_HEIGHT
+    height = (empty - image.depth) / UNIT_HEIGHT
     height = np.nan_to_num(height, nan=0, posinf=0, neginf=0)
     height = np.clip(height, -LARGEST_HEIGHT, LARGEST_HEIGHT)
 
@@ -114,6 +120,18 @@ def depth_images(scene: Scene, image: DepthImage, size: int) -> SceneImages:
     masks = np.concatenate([image.object_masks, image.goal_mask[None], zeros])
     covered = np.rint(WHOLE_PIXEL * _block_means(masks, size))
     return SceneImages(_block_means(height, size), covered.astype(np.uint8))
+
+
+def _check_unit(image: DepthImage, empty: Float[np.ndarray, "pixels pixels"]) -> None:
+    """Refuse a depth image whose usual depth is not near that of the empty table, as one in millimeters."""
+    depth = np.asarray(image.depth, dtype=np.float64)
+    usual = float(np.median(depth[np.isfinite(depth)])) if np.isfinite(depth).any() else math.nan
+    expected = float(np.median(empty))
+
+    if math.isfinite(usual) and not expected / MOST_OFF <= usual <= expected * MOST_OFF:
+        raise DvrError(
+            f"the depth image has a median of {usual:g}; valid are meters, of which the empty table has {expected:.2f}."
+        )
 
 
 def _check_shapes(scene: Scene, image: DepthImage, size: int) -> None:

@@ -9,6 +9,7 @@ from dvr_jax.errors import DvrError
 from dvr_jax.model.kind import Kind
 
 _AT_LEAST_ONE = (
+    "k_max",
     "steps",
     "batch",
     "batch_scenes",
@@ -18,6 +19,12 @@ _AT_LEAST_ONE = (
     "validation_sequences",
 )
 """Options that are numbers from 1."""
+
+_AT_MOST = {"k_max": 50, "batch": 65_536, "batch_scenes": 65_536}
+"""Largest values of some of them; more takes more memory than any machine has."""
+
+LARGEST_NUMBER = 1_000_000_000
+"""Largest value of the others."""
 
 
 @dataclass(frozen=True)
@@ -135,8 +142,9 @@ class TrainOptions:
         """Refuse numbers of things that make no sense."""
         for name in _AT_LEAST_ONE:
             value = getattr(self, name)
-            if value < 1:
-                raise DvrError(f"--{name.replace('_', '-')} is {value}; valid is 1 or more.")
+            most = _AT_MOST.get(name, LARGEST_NUMBER)
+            if not 1 <= value <= most:
+                raise DvrError(f"--{name.replace('_', '-')} is {value}; valid is 1 to {most:,}.")
         # A checkpoint holds the seed as a signed number of 64 bits.
         if not 0 <= self.seed < 2**63:
             raise DvrError(f"--seed is {self.seed}; valid is 0 to 2^63 - 1.")

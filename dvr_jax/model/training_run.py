@@ -141,6 +141,8 @@ def _initial_state(
         raise DvrError(
             f"--steps is {options.steps}; the run in {options.out} is already at step {latest}."
         )
+    for sentence in checkpoints.set_damaged_aside():
+        say(sentence)
     state = checkpoints.restore(state, _metadata(options, data, config, latest))
     say(f"continues at step {state.step}")
     return state

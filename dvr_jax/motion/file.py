@@ -2,22 +2,38 @@
 
 from __future__ import annotations
 
-import zipfile
-import zlib
+import io
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 
 from dvr_jax.errors import MotionError, describe_os_error
 from dvr_jax.motion.motion import Motion, make_motion, validate_motion
+from dvr_jax.runtime.archives import read_arrays
+from dvr_jax.runtime.files import write_whole
 
 ARRAYS = ("time", "qpos", "switch")
 """Names of the arrays in a file, in the order of the fields of `Motion`."""
 
+LARGEST_MOTION = 1 << 30
+"""Bytes of the largest motion that is read; a minute of two arms and eight objects has about 2 MB."""
+
+
+def encode_motion(motion: Motion) -> bytes:
+    """Return the content of a motion's file, a compressed archive.
+
+    Raises:
+        MotionError: The motion is not valid.
+    """
+    validate_motion(motion)
+
+    content = io.BytesIO()
+    np.savez_compressed(content, time=motion.time, qpos=motion.qpos, switch=motion.switch)
+    return content.getvalue()
+
 
 def save_motion(path: str | Path, motion: Motion) -> None:
-    """Write a motion as a compressed archive.
+    """Write a motion as a compressed archive, whole or not at all.
 
     Args:
         path: Name of the file; no suffix is added.
@@ -27,11 +43,7 @@ def save_motion(path: str | Path, motion: Motion) -> None:
         MotionError: The motion is not valid; nothing is written.
         OSError: The file cannot be written.
     """
-    validate_motion(motion)
-
-    # NumPy appends ".npz" to a name, but not to an open file.
-    with Path(path).open("wb") as file:
-        np.savez_compressed(file, time=motion.time, qpos=motion.qpos, switch=motion.switch)
+    write_whole(Path(path), encode_motion(motion))
 
 
 def load_motion(path: str | Path) -> Motion:
@@ -41,39 +53,19 @@ def load_motion(path: str | Path) -> Motion:
         MotionError: The file is missing, is broken, or holds no valid motion.
     """
     try:
-        with Path(path).open("rb") as file:
-            arrays = _read_arrays(file, path)
+        arrays = read_arrays(Path(path), LARGEST_MOTION)
     except OSError as error:
-        # NumPy's reader does not name the file when it seeks beyond the end of a broken one.
-        error.filename = str(path)
         raise MotionError(describe_os_error(error)) from None
-    except (
-        ValueError,
-        EOFError,
-        zipfile.BadZipFile,
-        zlib.error,
-        RuntimeError,
-    ) as error:
-        reason = " ".join(str(error).split()).rstrip(".") or "it ends too early"
-        raise MotionError(f"{path} holds no motion: {reason}.") from None
+    except ValueError as error:
+        raise MotionError(f"{path} holds no motion: {error}.") from None
 
-    try:
-        return make_motion(*arrays)
-    except MotionError as error:
-        raise MotionError(f"{path}: {error}") from None
-
-
-def _read_arrays(file: BinaryIO, path: str | Path) -> list[np.ndarray]:
-    """Read the arrays of an open archive in the order of `ARRAYS`."""
-    archive = np.load(file, allow_pickle=False)
-    if not isinstance(archive, np.lib.npyio.NpzFile):
-        raise MotionError(
-            f"{path} is no .npz archive; valid is one with the arrays {', '.join(ARRAYS)}."
-        )
-
-    missing = [name for name in ARRAYS if name not in archive]
+    missing = [name for name in ARRAYS if name not in arrays]
     if missing:
         raise MotionError(
             f"{path} lacks {', '.join(missing)}; a motion has the arrays {', '.join(ARRAYS)}."
         )
-    return [archive[name] for name in ARRAYS]
+
+    try:
+        return make_motion(*(arrays[name] for name in ARRAYS))
+    except MotionError as error:
+        raise MotionError(f"{path}: {error}") from None

@@ -23,7 +23,7 @@ from dvr_jax.geometry.footprint import signed_distance
 from dvr_jax.modes.mode import ModeKind
 from dvr_jax.operators import ModeSwitch, SkeletonState
 from dvr_jax.scene.types import FixedBody, Scene, SceneObject
-from dvr_jax.workcell.clearances import GRIP_ROOM
+from dvr_jax.workcell.clearances import GRIP_ROOM, LIFT_MARGIN
 
 
 class PhasePart(IntEnum):
@@ -54,10 +54,11 @@ def body_clearances(
     clearances = scene.workcell.clearances
     hands = np.full((len(states), len(PhasePart), arms, objects), clearances.hand_to_object)
     lift = np.zeros((len(states), len(PhasePart), objects))
+    height = clearances.lift + LIFT_MARGIN if clearances.lift > 0 else 0.0
     for k, state in enumerate(states):
         for n, mode in enumerate(state.modes):
             if mode.kind == ModeKind.HELD:
-                lift[k, :, n] = clearances.lift
+                lift[k, :, n] = height
 
     for k, switch in enumerate(switches):
         item = switch.item

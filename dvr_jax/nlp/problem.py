@@ -87,6 +87,9 @@ class Problem(NamedTuple):
     straight_distance: Float[Array, "*batch phases 2"]
     """Least length of each straight motion [m]; 0 where there is none."""
 
+    straight_kind: Int[Array, "*batch phases 2"]
+    """`StraightKind` of each straight motion: along the approach axis of the hand, or vertical."""
+
     still_arm: Float[Array, "*batch phases 2 arms"]
     """1 for each arm that rests during a straight motion, because it holds the object, else 0."""
 

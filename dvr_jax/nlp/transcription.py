@@ -16,6 +16,7 @@ from dvr_jax.errors import DvrError
 from dvr_jax.geometry.footprint import Rectangle
 from dvr_jax.logic import Action
 from dvr_jax.modes.mode import PARAMETERS, ModeKind
+from dvr_jax.nlp.blocks.straight_motion import StraightKind
 from dvr_jax.nlp.body_clearances import PhasePart, body_clearances
 from dvr_jax.nlp.problem import Problem
 from dvr_jax.operators import (
@@ -79,6 +80,7 @@ def transcribe(
         ),
         straight_arm=straight.arm,
         straight_distance=straight.distance,
+        straight_kind=straight.kind,
         still_arm=straight.still,
         finger_opening=_floats([state.finger_opening for state in states], len(arms)),
         on_support=np.array([float(switch.support is not None) for switch in switches]),
@@ -104,6 +106,9 @@ class _StraightMotions(NamedTuple):
     distance: Float[np.ndarray, "phases 2"]
     """Least length [m]; 0 where there is no such motion."""
 
+    kind: Int[np.ndarray, "phases 2"]
+    """`StraightKind` of the motion."""
+
     still: Float[np.ndarray, "phases 2 arms"]
     """1 for an arm that holds the object meanwhile."""
 
@@ -111,29 +116,52 @@ class _StraightMotions(NamedTuple):
 def _straight_motions(
     scene: Scene, states: Sequence[SkeletonState], switches: Sequence[ModeSwitch]
 ) -> _StraightMotions:
-    """A hand comes straight to an object that it grasps, and leaves straight an object that it has released."""
+    """Return the straight motions before and after each switch.
+
+    A hand comes straight to an object that it grasps, and leaves straight an object that it has released. An object is
+    lifted from its support after its grasp, and lowered before it is placed.
+    """
     K = len(switches)
     found = _StraightMotions(
         np.zeros((K, 2), np.int32),
         np.zeros((K, 2)),
+        np.full((K, 2), StraightKind.APPROACH, np.int32),
         np.zeros((K, 2, scene.workcell.number_of_arms)),
     )
     leaves, comes = 0, 1
-    distance = scene.workcell.clearances.approach
+    clearances = scene.workcell.clearances
+    lengths = {
+        StraightKind.APPROACH: clearances.approach,
+        StraightKind.VERTICAL: clearances.lift,
+    }
+
+    def add(phase: int, motion: int, arm: int, kind: StraightKind) -> None:
+        found.arm[phase, motion] = arm
+        found.distance[phase, motion] = lengths[kind]
+        found.kind[phase, motion] = kind
+
     for k, switch in enumerate(switches):
         old = states[k].modes[switch.item]
         new = states[k + 1].modes[switch.item]
         was_held = old.kind == ModeKind.HELD
         is_held = new.kind == ModeKind.HELD
+
+        # Before the switch, the hand that grasps comes to the object, or the hand that holds it lowers it.
         if is_held:
-            found.arm[k, comes] = new.parent
-            found.distance[k, comes] = distance
-            if was_held:
-                found.still[k, comes, old.parent] = 1
-        if was_held and k + 1 < K:
-            found.arm[k + 1, leaves] = old.parent
-            found.distance[k + 1, leaves] = distance
-            if is_held:
+            add(k, comes, new.parent, StraightKind.APPROACH)
+        elif was_held:
+            add(k, comes, old.parent, StraightKind.VERTICAL)
+
+        # After it, the hand that released the object leaves it, or the hand that grasped it lifts it.
+        if k + 1 < K and was_held:
+            add(k + 1, leaves, old.parent, StraightKind.APPROACH)
+        elif k + 1 < K and is_held:
+            add(k + 1, leaves, new.parent, StraightKind.VERTICAL)
+
+        # At a handover, the other hand holds still.
+        if was_held and is_held:
+            found.still[k, comes, old.parent] = 1
+            if k + 1 < K:
                 found.still[k + 1, leaves, new.parent] = 1
     return found
 
@@ -178,9 +206,7 @@ def transcribe_switch(
 ) -> Problem:
     """Write the keyframe NLP of one action alone, before which an earlier action left the object in a gripper.
 
-    This is a relaxation of all sequences in which `action` follows `before` as the next one on its object. The object
-    may be held with any mode parameters within the bounds of `before`. The NLP has two slices. In the first one all
-    other objects are absent and the object is held already, so that there is no switch; the second is that of `action`.
+    This is `transcribe_window` for a single action.
 
     Args:
         scene: A valid scene.
@@ -189,7 +215,30 @@ def transcribe_switch(
         ignored: Names of objects left out of the world.
         operators: The operators that are known.
     """
-    problem = transcribe(scene, [before, action], ignored, operators)
+    return transcribe_window(scene, before, [action], ignored, operators)
+
+
+def transcribe_window(
+    scene: Scene,
+    before: Action,
+    actions: Sequence[Action],
+    ignored: Sequence[str] = (),
+    operators: Sequence[Operator] = OPERATORS,
+) -> Problem:
+    """Write the keyframe NLP of actions on one object, before which an earlier action left it in a gripper.
+
+    This is a relaxation of all sequences in which the actions follow `before` as the next ones on their object. The
+    object may be held with any mode parameters within the bounds of `before`. The NLP of K actions has K + 1 slices. In
+    the first one all other objects are absent and the object is held already, so that there is no switch.
+
+    Args:
+        scene: A valid scene.
+        before: The action that leaves the object in a gripper.
+        actions: The next actions on the same object.
+        ignored: Names of objects left out of the world.
+        operators: The operators that are known.
+    """
+    problem = transcribe(scene, [before, *actions], ignored, operators)
 
     # The switched object is held in phase 0 as in phase 1, and all others are absent in phase 0.
     item = problem.switched_object[0]

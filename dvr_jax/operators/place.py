@@ -36,6 +36,7 @@ from dvr_jax.operators.proposal import (
 )
 from dvr_jax.runtime.compilation import Program
 from dvr_jax.scene.types import Scene
+from dvr_jax.workcell.clearances import EDGE_MARGIN
 
 TABLE_SUPPORT = "table"
 """Constant of the PDDL domain that stands for the table."""
@@ -91,7 +92,10 @@ def _clear_rectangle(scene: Scene, name: str, support: str) -> Rectangle:
         min(width - hy - radius, depth - hx - radius),
     )
     left = max(room / 4, PLACING_ROOM)
-    edge = max(min(scene.workcell.clearances.region_edge, room - left), 0.0)
+    wanted = scene.workcell.clearances.region_edge
+    if wanted > 0:
+        wanted += EDGE_MARGIN
+    edge = max(min(wanted, room - left), 0.0)
     return Rectangle(rectangle.center, (width - edge, depth - edge), rectangle.yaw)
 
 

@@ -44,21 +44,26 @@ def require_scene(value: object) -> Scene:
     )
 
 
-def require_integer(name: str, value: object, least: int) -> int:
+LARGEST_K_MAX = 50
+"""Largest number of actions that may be asked for: eight objects, each moved twice with a handover, take fewer."""
+
+
+def require_integer(name: str, value: object, least: int, most: int | None = None) -> int:
     """Return a value that is a whole number of at least `least`.
 
     Args:
         name: What the number is, as in "the seed".
         value: Value to check; NumPy's integers are numbers too, a bool is none.
         least: Smallest valid number.
+        most: Largest valid number; None if there is none.
 
     Returns:
         The number as a Python int.
 
     Raises:
-        OptionError: The value is no whole number, or it is too small.
+        OptionError: The value is no whole number, or it is too small or too large.
     """
-    valid = f"valid is a whole number from {least}"
+    valid = f"valid is a whole number from {least}" + ("" if most is None else f" to {most}")
 
     if isinstance(value, bool):
         raise OptionError(f"{name} is {value}; {valid}.")
@@ -68,7 +73,7 @@ def require_integer(name: str, value: object, least: int) -> int:
     except TypeError:
         raise OptionError(f"{name} is {describe_value(value)}; {valid}.") from None
 
-    if number < least:
+    if number < least or (most is not None and number > most):
         raise OptionError(f"{name} is {number}; {valid}.")
 
     return number

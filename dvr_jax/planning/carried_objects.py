@@ -41,7 +41,7 @@ def carry_objects(
     for k in np.unique(phase):
         samples = phase == k
         for n, indices in enumerate(columns):
-            position, rotation = _object_pose(
+            position, rotation = object_pose(
                 problem,
                 m,
                 int(k),
@@ -88,7 +88,7 @@ def gripper_frames(
     return positions[:, sites], rotations[:, sites]
 
 
-def _object_pose(
+def object_pose(
     problem: Problem,
     m: Float[np.ndarray, "actions parameters"],
     phase: int,
@@ -96,7 +96,19 @@ def _object_pose(
     hand_position: Float[np.ndarray, "samples arms 3"],
     hand_rotation: Float[np.ndarray, "samples arms 9"],
 ) -> tuple[Float[np.ndarray, "..."], Rotation]:
-    """Return position [m] and rotation of an object at the samples of one phase; a standing object has one pose."""
+    """Return the poses of an object at the samples of one phase; a standing object has one pose.
+
+    Args:
+        problem: NLP of the sequence, without batch axes.
+        m: Mode parameters of each action [m or rad].
+        phase: Number of actions that have taken effect.
+        item: Index of the object.
+        hand_position: Positions of the gripper centers [m].
+        hand_rotation: Row-major rotation matrices of the grippers.
+
+    Returns:
+        Positions [m] and rotations.
+    """
     kind = int(problem.mode_kind[phase, item])
     action = int(problem.mode_action[phase, item])
     if kind == ModeKind.HELD:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from jaxtyping import Float
 
 from dvr_jax.motion.interpolation import spline_of
 from dvr_jax.motion.motion import Motion
+from dvr_jax.runtime.files import write_whole
 from dvr_jax.scene.layout import qpos_layout
 from dvr_jax.scene.types import Scene
 
@@ -53,7 +55,9 @@ def export_csv(path: Path, scene: Scene, motion: Motion, rate: float = CSV_RATE)
         names.append(f"{name}/gap")
         columns.append(sampled.qpos[:, layout.fingers[arm]].sum(axis=1))
     table = np.stack(columns, axis=1)
-    np.savetxt(path, table, fmt="%.9g", delimiter=",", header=",".join(names), comments="")
+    text = io.StringIO()
+    np.savetxt(text, table, fmt="%.9g", delimiter=",", header=",".join(names), comments="")
+    write_whole(path, text.getvalue().encode())
 
 
 def export_ros(path: Path, scene: Scene, motion: Motion) -> None:
@@ -96,7 +100,7 @@ def export_ros(path: Path, scene: Scene, motion: Motion) -> None:
             ],
         }
         grippers[name] = _gripper_commands(time, motion.qpos[:, layout.fingers[arm]].sum(axis=1))
-    path.write_bytes(msgspec.json.encode({"arms": arms, "grippers": grippers}) + b"\n")
+    write_whole(path, msgspec.json.encode({"arms": arms, "grippers": grippers}) + b"\n")
 
 
 def _gripper_commands(

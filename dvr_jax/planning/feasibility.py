@@ -15,7 +15,7 @@ for verdict in feasibility(scene, handovers):
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import jax
 
@@ -27,7 +27,10 @@ from dvr_jax.operators import OPERATORS, Operator
 from dvr_jax.planning.arguments import describe_value, parse_actions, require_integer, require_scene
 from dvr_jax.planning.path_motion import interpolate
 from dvr_jax.scene.types import Scene
+from dvr_jax.search.counterfactual import confirm
+from dvr_jax.search.explanation import explain_node
 from dvr_jax.search.node import Node
+from dvr_jax.search.reasons import Reason
 from dvr_jax.search.session import SearchSession
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import Steps, run_alone
@@ -41,7 +44,8 @@ class Verdict:
     actions: tuple[Action, ...]
     """The sequence."""
     feasible: bool
-    """Whether a path was found that meets the NLP's tolerances and that the independent check accepts.
+    """Whether a path was found that meets the NLP's tolerances and that the independent check accepts. For a sequence
+    that does not reach the goal, whether keyframes were found.
 
     False is the verdict of local optimization from many starts, not a proof.
     """
@@ -53,13 +57,18 @@ class Verdict:
     """
     violation: float
     """Largest violation of a constraint as a multiple of its tolerance; NaN where no NLP was solved."""
+    reason: Reason | None = None
+    """What is impossible, at which action, and by how much; None if the sequence is feasible."""
+    refuted: tuple[Action, ...] = ()
+    """The shortest beginning of the sequence that is refuted; empty if the sequence is feasible."""
     motion: Motion | None = field(default=None, compare=False, repr=False)
     """Motion that the check accepted; None unless the sequence is feasible."""
 
     def __str__(self) -> str:
         """Return the actions and the verdict in one line."""
         verdict = "feasible" if self.feasible else f"infeasible by the {self.bound} bound"
-        return f"{' '.join(map(str, self.actions))}: {verdict}"
+        why = "" if self.reason is None else f" ({self.reason.sentence.rstrip('.')})"
+        return f"{' '.join(map(str, self.actions))}: {verdict}{why}"
 
 
 def feasibility(
@@ -68,29 +77,47 @@ def feasibility(
     seed: int = 0,
     operators: Sequence[Operator] = OPERATORS,
     checks: Sequence[OperatorCheck] = CHECKS,
+    confirm_reasons: bool = False,
 ) -> list[Verdict]:
     """Judge action sequences of a scene; prefixes that sequences share are judged once.
 
     Args:
         scene: Valid scene.
-        sequences: Sequences of actions, each as `Action` or as text such as "grasp(left, +x, yellow)". Each sequence
-            reaches the goal with its last action and not before.
+        sequences: Sequences of actions, each as `Action` or as text such as "grasp(left, +x, yellow)". A sequence may
+            reach the goal with its last action, but not before. Of one that does not reach the goal, only the keyframes
+            are judged.
         seed: Seed of all sampling, from 0. The same seed and sequences give the same verdicts. What proves one
             sequence feasible may prove a relaxation of another one, so more sequences may be found feasible together
             than one by one.
         operators: Operators that actions may be of.
         checks: Their halves in the independent check.
+        confirm_reasons: Whether reasons are confirmed: scenes in which one body is gone, or in which an object or the
+            region is nearer or farther, are judged, and the smallest change that makes the actions possible is the
+            reason. It takes some tenths of a second for each reason.
 
     Returns:
         One verdict for each sequence, in their order.
 
     Raises:
         OptionError: An argument has a wrong type or value.
-        LogicError: The logic does not allow a sequence, or it does not reach the goal.
+        LogicError: The logic does not allow a sequence, or it goes on after the goal.
         DvrError: The arms are in collision in the scene's initial state.
     """
     with jax.enable_x64(True):
-        return run_alone(judge(scene, sequences, seed, operators, checks))
+        verdicts = run_alone(judge(scene, sequences, seed, operators, checks))
+        return _confirmed(scene, verdicts, seed, operators) if confirm_reasons else verdicts
+
+
+def _confirmed(
+    scene: Scene, verdicts: list[Verdict], seed: int, operators: Sequence[Operator]
+) -> list[Verdict]:
+    """Return verdicts with confirmed reasons; sequences that are refuted by the same actions share a reason."""
+    cases = {verdict.refuted: verdict.reason for verdict in verdicts if verdict.reason is not None}
+    reasons = dict(zip(cases, confirm(scene, list(cases.items()), seed, operators), strict=True))
+    return [
+        verdict if verdict.reason is None else replace(verdict, reason=reasons[verdict.refuted])
+        for verdict in verdicts
+    ]
 
 
 def judge(
@@ -116,7 +143,7 @@ def judge(
 
     Raises:
         OptionError: An argument has a wrong type or value.
-        LogicError: The logic does not allow a sequence, or it does not reach the goal.
+        LogicError: The logic does not allow a sequence, or it goes on after the goal.
         DvrError: The arms are in collision in the scene's initial state.
     """
     scene = require_scene(scene)
@@ -138,9 +165,10 @@ def judge(
     possible = [leaf for leaf in leaves.values() if not tree.refute_by_constants(leaf)]
     passed = yield from session.judge_leaves(possible)
     for leaf in passed:
-        yield from session.try_path(leaf)
+        if leaf.reaches_goal:
+            yield from session.try_path(leaf)
 
-    return [_verdict(leaves[actions], motions) for actions in parsed]
+    return [_verdict(tree, leaves[actions], motions) for actions in parsed]
 
 
 def _parse_sequences(sequences: object) -> list[tuple[Action, ...]]:
@@ -168,7 +196,9 @@ def _grow(
 
     for actions in sequences:
         try:
-            states = tree.grounding.check_sequence(actions)
+            # An empty sequence is refused, because there is nothing to judge.
+            check = tree.grounding.check_prefix if actions else tree.grounding.check_sequence
+            states = check(actions)
         except LogicError as error:
             name = " ".join(map(str, actions)) or "the empty sequence"
             raise LogicError(f"{name}: {error}") from None
@@ -177,23 +207,28 @@ def _grow(
             prefix = actions[:depth]
             if prefix not in nodes:
                 parent = nodes[prefix[:-1]]
-                nodes[prefix] = Node(
-                    prefix, states[depth], parent, reaches_goal=depth == len(actions)
-                )
+                reaches_goal = tree.grounding.is_goal(states[depth])
+                nodes[prefix] = Node(prefix, states[depth], parent, reaches_goal)
 
     return {actions: nodes[actions] for actions in sequences}
 
 
-def _verdict(leaf: Node, motions: Mapping[Node, Motion]) -> Verdict:
+def _verdict(tree: SequenceTree, leaf: Node, motions: Mapping[Node, Motion]) -> Verdict:
     """Return the verdict on a sequence; a prefix that is refuted refutes it too."""
     refuted: Node | None = leaf
     while refuted is not None and not refuted.refuted_by:
         refuted = refuted.parent
 
     if refuted is not None:
-        return Verdict(leaf.actions, False, refuted.refuted_by, refuted.violation)
+        reason = explain_node(tree, refuted)
+        return Verdict(
+            leaf.actions, False, refuted.refuted_by, refuted.violation, reason, refuted.actions
+        )
 
-    return Verdict(leaf.actions, bool(leaf.solved), "", leaf.violation, motions.get(leaf))
+    if not leaf.reaches_goal:
+        return Verdict(leaf.actions, bool(leaf.feasible), "", leaf.violation)
+
+    return Verdict(leaf.actions, bool(leaf.solved), "", leaf.violation, motion=motions.get(leaf))
 
 
 def passes_check(scene: Scene, node: Node, path: NlpSolution) -> bool:

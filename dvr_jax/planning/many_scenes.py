@@ -41,12 +41,13 @@ from dvr_jax.workcell.clearances import LARGEST_FACTOR
 def plan_scenes(
     scenes: Iterable[Scene],
     search: str = "dvr",
-    k_max: int = 6,
+    k_max: int | None = None,
     seed: int = 0,
     time_limit: float = 300.0,
     network: str | os.PathLike[str] | None = None,
     clearance: float = 1.0,
     termination: str = "optimal",
+    shortest: bool = False,
     workers: int | None = None,
     ray: str | None = None,
 ) -> Iterator[ScenePlan]:
@@ -59,12 +60,13 @@ def plan_scenes(
     Args:
         scenes: Valid scenes.
         search: Name of the search, as in `plan`.
-        k_max: Largest number of actions, at least 1.
+        k_max: Largest number of actions, as in `plan`.
         seed: Seed of all sampling, from 0.
         time_limit: Time after which the search of each scene gives up [s].
         network: File or folder of a trained network of the search's kind; None for the shipped one.
         clearance: Factor of the workcell's clearances, from 0 to 3.
         termination: "optimal" or "feasible", as in `plan`.
+        shortest: Whether plans have the least number of actions.
         workers: Number of processes, which plan one scene each at a time; None for one on each core.
         ray: Address of a Ray cluster whose CPUs take the workers' place; "auto" means the one of this machine.
 
@@ -78,12 +80,13 @@ def plan_scenes(
     settings = require_settings(
         PlanSettings(
             search=search,
-            k_max=require_integer("k_max", k_max, least=1),
+            k_max=None if k_max is None else require_integer("k_max", k_max, least=1),
             seed=require_integer("the seed", seed, least=0),
             time_limit=require_positive("the time limit", time_limit, "s"),
             network=None if network is None else Path(network),
             clearance=require_number("the clearance", clearance),
             termination=termination,
+            shortest=shortest,
         )
     )
     tasks = [SceneTask(index, require_scene(scene), settings) for index, scene in enumerate(scenes)]

@@ -8,6 +8,7 @@ Notation: a path of K actions has T slices and S = T / K slices in each phase. I
 - Then all arms rest while the fingers move. In a handover the fingers of the taking arm close first, and those of the
   giving arm open afterwards. The object changes its holder between the two, or else when the fingers have moved.
 - At the end the hand that has released the last object retreats (`dvr_jax.planning.retreat`).
+- At each switch the arm that acts is exactly where the object has one pose (`dvr_jax.planning.exact_switches`).
 - The pose of a held object follows from the pose of its gripper, which is computed by MuJoCo's forward kinematics, and
   from the mode parameters of the NLP.
 """
@@ -27,6 +28,7 @@ from dvr_jax.motion.motion import Motion, make_motion
 from dvr_jax.motion.retiming import TIME_STEP, MotionLimits, Torques, time_optimal
 from dvr_jax.nlp.problem import Problem
 from dvr_jax.planning.carried_objects import carry_objects
+from dvr_jax.planning.exact_switches import exact_switches
 from dvr_jax.planning.hand_limits import hand_accelerations, hand_positions, shortest_times
 from dvr_jax.planning.retreat import retreat
 from dvr_jax.scene.layout import qpos_layout
@@ -83,7 +85,7 @@ def interpolate(
     S = q.shape[0] // K
     home = np.asarray(problem.home)
     opening = np.asarray(problem.finger_opening)
-    q = _at_rest(problem, q)
+    q = _at_rest(problem, exact_switches(scene, problem, q, m))
     curve = joint_curve(home, q, straight_intervals(problem, len(q)))
 
     parts = [_Part(home[None], opening[:1], np.zeros(1, int))]

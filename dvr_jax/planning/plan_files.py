@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import math
 import platform
 from collections.abc import Sequence
 from importlib.metadata import version
@@ -13,14 +15,17 @@ import msgspec
 from dvr_jax.checker import CheckReport
 from dvr_jax.errors import DataError, DvrError
 from dvr_jax.logic import Action, Grounding
-from dvr_jax.motion.file import load_motion, save_motion
+from dvr_jax.motion.file import encode_motion, load_motion
 from dvr_jax.motion.motion import Motion
 from dvr_jax.operators import Operator, ground_scene
 from dvr_jax.planning.path_quality import PathQuality
+from dvr_jax.runtime.files import read_whole, require_folder, write_together
 from dvr_jax.scene.files import scene_from_json, scene_to_json
 from dvr_jax.scene.layout import qpos_layout
 from dvr_jax.scene.mjcf import scene_xml
 from dvr_jax.scene.types import Scene
+from dvr_jax.search.explanation import Refutation
+from dvr_jax.search.reasons import Reason, ReasonKind
 from dvr_jax.search.status import PlanStatus
 
 if TYPE_CHECKING:
@@ -33,6 +38,9 @@ DEPTH_PICTURE = "depth.png"
 FILM = "film.png"
 ANIMATION = "plan.gif"
 
+LARGEST_PLAN = 1 << 26
+"""Bytes of the largest plan.json that is read; one has some kilobytes."""
+
 
 class _ActionFile(msgspec.Struct):
     """One action in plan.json."""
@@ -41,7 +49,26 @@ class _ActionFile(msgspec.Struct):
     arguments: tuple[str, ...]
 
 
-class _PlanFile(msgspec.Struct):
+class _ReasonFile(msgspec.Struct, forbid_unknown_fields=True):
+    """A reason in plan.json."""
+
+    kind: ReasonKind
+    action: str
+    bodies: tuple[str, ...]
+    amount: float | None
+    """None if it is not known."""
+    sentence: str
+
+
+class _RefutationFile(msgspec.Struct, forbid_unknown_fields=True):
+    """A refuted sequence in plan.json."""
+
+    actions: tuple[_ActionFile, ...]
+    bound: str
+    reason: _ReasonFile
+
+
+class _PlanFile(msgspec.Struct, forbid_unknown_fields=True):
     """Content of plan.json; the fields mean what the fields of `Plan` mean."""
 
     status: PlanStatus
@@ -54,14 +81,21 @@ class _PlanFile(msgspec.Struct):
     path: PathQuality | None
     violations: dict[str, float]
     check: CheckReport | None
+    reason: _ReasonFile | None
+    refuted: tuple[_RefutationFile, ...]
     options: dict[str, str | int | float | None]
     scene: msgspec.Raw
     versions: dict[str, str]
     """Versions of Python and of the packages that made the plan."""
+    checksum: str | None = None
+    """SHA-256 of the file as it is without this; files before version 0.10 have none."""
 
 
 def save_plan(folder: Path, plan: Plan, pictures: bool, animation: bool) -> None:
-    """Write everything that is known of a plan into a folder.
+    """Write everything that is known of a plan into a folder, in place of another plan's files.
+
+    Those stay until all files of this one are complete. plan.json comes last, so that it is there only together with
+    the files that it describes.
 
     Args:
         folder: Folder for the files; it is made if it is missing.
@@ -73,29 +107,23 @@ def save_plan(folder: Path, plan: Plan, pictures: bool, animation: bool) -> None
         OSError: A file cannot be written.
     """
     # Imported here, because drawing takes half a second that other uses of a plan need not wait for.
-    from dvr_jax.drawing.animation import save_animation
-    from dvr_jax.drawing.depth_picture import save_depth_picture
-    from dvr_jax.drawing.film import save_film
+    from dvr_jax.drawing.animation import encode_animation
+    from dvr_jax.drawing.depth_picture import encode_depth_picture
+    from dvr_jax.drawing.film import encode_film
 
-    folder.mkdir(parents=True, exist_ok=True)
-
-    # Files of another plan must not stay beside this one. plan.json goes first and comes last, so that it is there
-    # only together with the files that it describes.
-    for name in (PLAN, TRAJECTORY, DEPTH_PICTURE, FILM, ANIMATION):
-        (folder / name).unlink(missing_ok=True)
-
-    (folder / MUJOCO_SCENE).write_text(scene_xml(plan.scene), encoding="utf-8")
+    require_folder(folder)
+    contents = {PLAN: encode_plan(plan), MUJOCO_SCENE: scene_xml(plan.scene).encode()}
     if pictures:
-        save_depth_picture(folder / DEPTH_PICTURE, plan.scene)
+        contents[DEPTH_PICTURE] = encode_depth_picture(plan.scene)
 
     if plan.motion is not None:
-        save_motion(folder / TRAJECTORY, plan.motion)
+        contents[TRAJECTORY] = encode_motion(plan.motion)
         if pictures:
-            save_film(folder / FILM, plan.scene, plan.action_descriptions, plan.motion)
+            contents[FILM] = encode_film(plan.scene, plan.action_descriptions, plan.motion)
         if animation:
-            save_animation(folder / ANIMATION, plan.scene, plan.motion)
+            contents[ANIMATION] = encode_animation(plan.scene, plan.motion)
 
-    (folder / PLAN).write_bytes(encode_plan(plan))
+    write_together(folder, contents, last=PLAN, stale=(TRAJECTORY, DEPTH_PICTURE, FILM, ANIMATION))
 
 
 def encode_plan(plan: Plan) -> bytes:
@@ -104,7 +132,7 @@ def encode_plan(plan: Plan) -> bytes:
 
     record = _PlanFile(
         status=plan.status,
-        actions=tuple(_ActionFile(action.operator, action.arguments) for action in plan.actions),
+        actions=_encode_actions(plan.actions),
         action_descriptions=plan.action_descriptions,
         nlps=plan.nlps,
         verdicts=plan.verdicts,
@@ -113,11 +141,40 @@ def encode_plan(plan: Plan) -> bytes:
         path=plan.path,
         violations={kind: float(value) for kind, value in plan.violations.items()},
         check=plan.report,
+        reason=None if plan.reason is None else _encode_reason(plan.reason),
+        refuted=tuple(
+            _RefutationFile(_encode_actions(item.actions), item.bound, _encode_reason(item.reason))
+            for item in plan.refuted
+        ),
         options=plan.options,  # type: ignore[arg-type]
         scene=msgspec.Raw(scene_to_json(plan.scene).encode()),
         versions={"python": platform.python_version(), **versions},
     )
+    record.checksum = _checksum_of(record)
     return msgspec.json.format(msgspec.json.encode(record), indent=1) + b"\n"
+
+
+def _encode_actions(actions: Sequence[Action]) -> tuple[_ActionFile, ...]:
+    """Return actions as they stand in plan.json."""
+    return tuple(_ActionFile(action.operator, action.arguments) for action in actions)
+
+
+def _encode_reason(reason: Reason) -> _ReasonFile:
+    """Return a reason as it stands in plan.json."""
+    amount = reason.amount if math.isfinite(reason.amount) else None
+    return _ReasonFile(reason.kind, reason.action, reason.bodies, amount, reason.sentence)
+
+
+def _decode_reason(record: _ReasonFile) -> Reason:
+    """Return the reason of a record."""
+    amount = math.nan if record.amount is None else record.amount
+    return Reason(record.kind, record.action, record.bodies, amount, record.sentence)
+
+
+def _decode_refutation(record: _RefutationFile) -> Refutation:
+    """Return the refuted sequence of a record."""
+    actions = tuple(Action(item.operator, item.arguments) for item in record.actions)
+    return Refutation(actions, record.bound, _decode_reason(record.reason))
 
 
 def load_plan_fields(folder: Path, operators: Sequence[Operator]) -> dict[str, Any]:
@@ -153,6 +210,8 @@ def load_plan_fields(folder: Path, operators: Sequence[Operator]) -> dict[str, A
         "nlps": record.nlps,
         "verdicts": record.verdicts,
         "rejected": record.rejected_by_check,
+        "reason": None if record.reason is None else _decode_reason(record.reason),
+        "refuted": tuple(map(_decode_refutation, record.refuted)),
         "options": dict(record.options),
         "operators": tuple(operators),
     }
@@ -161,17 +220,28 @@ def load_plan_fields(folder: Path, operators: Sequence[Operator]) -> dict[str, A
 def _read_record(path: Path) -> _PlanFile:
     """Read plan.json; refuse what has not its form."""
     try:
-        content = path.read_bytes()
+        content = read_whole(path, LARGEST_PLAN)
     except (FileNotFoundError, NotADirectoryError):
         raise DataError(
             f"there is no file {path}; valid is a folder that a plan was saved to."
         ) from None
 
     try:
-        return msgspec.json.decode(content, type=_PlanFile)
-    except (msgspec.DecodeError, UnicodeError) as error:
+        record = msgspec.json.decode(content, type=_PlanFile)
+    except (msgspec.DecodeError, ValueError, RecursionError) as error:
         reason = " ".join(str(error).split()).rstrip(".")
         raise DataError(f"{path} holds no plan of this version: {reason}.") from None
+
+    if record.checksum is not None and record.checksum != _checksum_of(record):
+        raise DataError(f"{path} is not as it was written: its checksum is another one.")
+    return record
+
+
+def _checksum_of(record: _PlanFile) -> str:
+    """Return the SHA-256 of a record without its checksum, whatever white space its file has."""
+    scene = msgspec.Raw(msgspec.json.format(bytes(record.scene), indent=-1))
+    plain = msgspec.structs.replace(record, checksum=None, scene=scene)
+    return hashlib.sha256(msgspec.json.encode(plain)).hexdigest()
 
 
 def _load_fitting_motion(folder: Path, scene: Scene, actions: tuple[Action, ...]) -> Motion:
@@ -209,6 +279,10 @@ def _require_agreement(
 
     if record.check is None or not record.check.passed:
         raise DataError(f"{path} says that the plan is solved, but not that it passed the check.")
+
+    # Where the goal holds from the start, no action is needed; the rules know only what actions bring about.
+    if not actions:
+        return
 
     try:
         grounding.check_sequence(actions)

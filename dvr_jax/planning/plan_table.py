@@ -185,7 +185,7 @@ def _describe_plan(plan: Plan) -> Row:
     seconds: Mapping[str, float] = plan.seconds
     return {
         "status": plan.status.value,
-        "reason": "",
+        "reason": "" if plan.reason is None else plan.reason.sentence,
         "actions": list(plan.action_descriptions),
         "duration": None if plan.motion is None else round(float(plan.motion.time[-1]), 6),
         "cost": None if plan.path is None else plan.path.cost,

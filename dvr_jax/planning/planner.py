@@ -20,6 +20,7 @@ from dvr_jax.errors import OptionError
 from dvr_jax.motion.motion import Motion
 from dvr_jax.operators import OPERATORS, Operator
 from dvr_jax.planning.arguments import (
+    LARGEST_K_MAX,
     describe_value,
     require_integer,
     require_number,
@@ -27,11 +28,13 @@ from dvr_jax.planning.arguments import (
     require_scene,
 )
 from dvr_jax.planning.feasibility import motion_of
+from dvr_jax.planning.goal_met import resting_plan
 from dvr_jax.planning.networks import choose_search
 from dvr_jax.planning.path_quality import TERMINATIONS, PathQuality, quality_of
 from dvr_jax.planning.result import Plan
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.compile_ahead import compiling_ahead
+from dvr_jax.search.explanation import explain_scene, promising_refutations
 from dvr_jax.search.node import Node
 from dvr_jax.search.predictor import Encoding, Images, SequencePredictor
 from dvr_jax.search.searches import search as run_search
@@ -42,11 +45,14 @@ from dvr_jax.solver.state import Termination
 
 __all__ = ["Plan", "plan"]
 
+USUAL_K_MAX = 6
+"""Largest number of actions of the sequences that are searched first if the caller states none."""
+
 
 def plan(
     scene: Scene,
     search: str = "dvr",
-    k_max: int = 6,
+    k_max: int | None = None,
     seed: int = 0,
     time_limit: float = 300.0,
     progress: Callable[[str], None] | None = None,
@@ -55,6 +61,7 @@ def plan(
     checks: Sequence[OperatorCheck] = CHECKS,
     clearance: float = 1.0,
     termination: str = "optimal",
+    shortest: bool = False,
 ) -> Plan:
     """Find a sequence of actions that solves a scene, and a motion that carries it out and passes the check.
 
@@ -62,7 +69,8 @@ def plan(
         scene: Valid scene.
         search: "dvr" (guided by a network as in the paper), "classifier" (guided by a feasibility classifier), "mbts"
             (multi-bound tree search) or "bfs" (breadth-first search).
-        k_max: Largest number of actions, at least 1.
+        k_max: Largest number of actions, 1 to 50. None allows 6 actions, and if no sequence of so many solves the
+            scene, up to the lower bound on the number of actions plus 4.
         seed: Seed of all sampling, from 0. The same seed gives the same plan.
         time_limit: Time after which the search gives up [s]. The clock is read between batches, so the search can
             exceed the limit by a few seconds. The time includes compilation, which takes most of a minute for the
@@ -75,6 +83,8 @@ def plan(
         clearance: Factor of the workcell's clearances, from 0 to 3.
         termination: "optimal" if the path is optimized until it satisfies the KKT conditions, or "feasible" if the
             first feasible path will do, whose motion takes longer.
+        shortest: Whether the plan has the least number of actions. After a plan was found, all shorter sequences are
+            judged, unless the lower bound on the number of actions shows that there is none.
 
     Returns:
         The plan. Its status says whether a motion was found, and if not, why the search ended.
@@ -84,7 +94,10 @@ def plan(
         DvrError: The arms are in collision in the scene's initial state, or the scene is too large for the network.
     """
     scene = require_scene(scene)
-    k_max = require_integer("k_max", k_max, least=1)
+    is_limit_open = k_max is None
+    if k_max is None:
+        k_max = USUAL_K_MAX
+    k_max = require_integer("k_max", k_max, least=1, most=LARGEST_K_MAX)
     seed = require_integer("the seed", seed, least=0)
     time_limit = require_positive("the time limit", time_limit, "s")
     say = progress or _say_nothing
@@ -102,6 +115,20 @@ def plan(
     # The tree refuses a scene whose arms collide at home, before anything is compiled for it.
     tree = SequenceTree(planned, k_max, seed, deadline=begin + time_limit, operators=operators)
     acceptance = _Acceptance(planned, say, checks)
+    options: dict[str, object] = {
+        "search": search,
+        "k_max": k_max,
+        "seed": seed,
+        "network": None if chosen_network is None else chosen_network.checksum,
+        "time_limit": time_limit if math.isfinite(time_limit) else None,
+        "clearance": clearance,
+        "termination": termination,
+        "shortest": shortest,
+    }
+    rest = resting_plan(scene, operators, checks, options)
+    if rest is not None:
+        say("the goal holds already: no action is needed")
+        return rest
 
     # Tolerances of a micrometer need double precision. It is switched on here and not on import, because the import of
     # a package must not change the programs of others.
@@ -116,17 +143,13 @@ def plan(
             chosen_network,
             mode,
             watch,
+            is_limit_open=is_limit_open,
+            shortest=shortest,
         )
+    if is_limit_open and outcome.node is None:
+        # The search has raised the limit to this number.
+        options["k_max"] = tree.k_max
 
-    options: dict[str, object] = {
-        "search": search,
-        "k_max": k_max,
-        "seed": seed,
-        "network": None if chosen_network is None else chosen_network.checksum,
-        "time_limit": time_limit if math.isfinite(time_limit) else None,
-        "clearance": clearance,
-        "termination": termination,
-    }
     found = _make_plan(tree, outcome, acceptance, options, total_seconds=time.monotonic() - begin)
     return replace(found, scene=scene)
 
@@ -199,6 +222,8 @@ def _make_plan(
         nlps=dict(tree.counts.nlps),
         verdicts=dict(tree.counts.verdicts),
         rejected=acceptance.rejected,
+        reason=explain_scene(tree) if outcome.node is None else None,
+        refuted=tuple(promising_refutations(tree)) if outcome.node is None else (),
         options=options,
         operators=tuple(tree.operators),
     )

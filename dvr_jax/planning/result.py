@@ -15,6 +15,8 @@ from dvr_jax.motion.motion import Motion
 from dvr_jax.operators import OPERATORS, Operator, describe
 from dvr_jax.planning.path_quality import PathQuality
 from dvr_jax.scene.types import Scene
+from dvr_jax.search.explanation import Refutation
+from dvr_jax.search.reasons import Reason
 from dvr_jax.search.status import PlanStatus
 
 
@@ -44,9 +46,14 @@ class Plan:
     """Number of prefixes judged by each bound."""
     rejected: int
     """Number of feasible paths that the independent check refused."""
+    reason: Reason | None = None
+    """Why the scene has no solution of at most `k_max` actions; None if solved, or if no one reason covers all
+    sequences."""
+    refuted: tuple[Refutation, ...] = ()
+    """The refuted sequences, or beginnings of sequences, that came closest to a solution; empty if solved."""
     options: dict[str, object] = field(default_factory=dict)
     """Search, k_max, seed, checksum of the network (None without one), time limit (None if infinite) [s], factor of the
-    clearances, and termination of the path."""
+    clearances, termination of the path, and whether the least number of actions was asked for."""
     operators: tuple[Operator, ...] = OPERATORS
     """Operators of the actions; they are not compared and not written to disk."""
 

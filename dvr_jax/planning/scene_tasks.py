@@ -21,8 +21,8 @@ class PlanSettings:
 
     search: str = "dvr"
     """Name of the search."""
-    k_max: int = 6
-    """Largest number of actions."""
+    k_max: int | None = None
+    """Largest number of actions; None for six, and then the lower bound plus four."""
     seed: int = 0
     """Seed of all sampling, the same for every scene."""
     time_limit: float = 300.0
@@ -33,6 +33,8 @@ class PlanSettings:
     """Factor of the workcell's clearances."""
     termination: str = "optimal"
     """Whether paths are optimized ("optimal") or only feasible ("feasible")."""
+    shortest: bool = False
+    """Whether plans have the least number of actions."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,6 +123,7 @@ def plan_scene_task(task: SceneTask) -> Iterator[ScenePlan]:
             network=load_settings_network(settings),  # type: ignore[arg-type]
             clearance=settings.clearance,
             termination=settings.termination,
+            shortest=settings.shortest,
         )
     except DvrError as error:
         yield ScenePlan(task.index, None, str(error), is_refused=True)

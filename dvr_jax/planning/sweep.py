@@ -20,6 +20,7 @@ from dvr_jax.dataset.shards import list_shards, read_columns, write_shard
 from dvr_jax.errors import DataError, OptionError
 from dvr_jax.planning.label_journal import LabelJournal
 from dvr_jax.planning.label_workers import LabelTask, label_on_workers, label_scenes
+from dvr_jax.runtime.files import require_folder
 from dvr_jax.runtime.progress import Progress
 from dvr_jax.scene.files import are_equal_but_for_rounding, load_scenes, scene_from_json
 from dvr_jax.scene.types import Scene
@@ -66,7 +67,7 @@ def sweep(request: Sweep, command: Sequence[str] = ()) -> None:
         OSError: A file cannot be read or written.
     """
     scenes = load_scenes(request.scenes)
-    request.out.mkdir(parents=True, exist_ok=True)
+    require_folder(request.out)
 
     # Shards that are there count only if this sweep would have written the same.
     finished = list_shards(request.out)

@@ -1,4 +1,4 @@
-"""Compiled programs: how they are compiled, and how they are kept on disk so that only a machine's first run waits."""
+"""Compiled programs: how they are compiled, and how they are found again, so that only a machine's first run waits."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import hashlib
 import os
 import pickle
 import platform
-import shutil
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -23,8 +22,14 @@ import numpy as np
 from jax.experimental import serialize_executable
 
 from dvr_jax.runtime.file_lock import only_process
-from dvr_jax.runtime.files import write_whole
 from dvr_jax.runtime.load_ahead import load_in_background, take_loaded
+from dvr_jax.runtime.program_files import (
+    PREFIX,
+    cache_folder,
+    make_folder,
+    read_entry,
+    write_entry,
+)
 
 CPU_OPTIONS: dict[str, Any] = {
     "xla_cpu_multi_thread_eigen": False,
@@ -40,36 +45,13 @@ instead of 5.2 s) to code of the same speed. Barriers must stay until fusion is 
 barriers and 0.18 ms with them.
 """
 
-SWITCH = "DVR_JAX_CACHE"
-"""Environment variable: a folder for compiled programs in place of the default one, or "off"."""
-
-KEPT = 8
-"""Number of folders of executables that are kept, each for one state of the sources and the machine."""
-
 DEPENDENCIES = ("jax", "jaxlib", "flax", "mujoco", "numpy")
 """Packages whose versions an executable depends on."""
-
-_PREFIX = "programs-"
-"""Beginning of the name of each folder of executables."""
 
 _SHAPE_AND_TYPE = attrgetter("shape", "dtype")
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
-
-
-def cache_folder() -> Path | None:
-    """Return the folder for compiled programs, or None if they are not kept.
-
-    The folder is `$DVR_JAX_CACHE` if that is set ("off" means None), else `$XDG_CACHE_HOME/dvr_jax`, else
-    `~/.cache/dvr_jax`.
-    """
-    chosen = os.environ.get(SWITCH)
-    if chosen:
-        return None if chosen == "off" else Path(chosen)
-
-    caches = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(caches) / "dvr_jax"
 
 
 class Program(Generic[_P, _R]):
@@ -147,6 +129,7 @@ class Program(Generic[_P, _R]):
             return loaded
 
         # Another process may be compiling the same program. Then this one waits and loads what the other has written.
+        make_folder(path.parent)
         with only_process(path.with_suffix(".lock")):
             return _load_executable(path) or self._compile_and_keep(path, args)
 
@@ -156,7 +139,7 @@ class Program(Generic[_P, _R]):
         # What JAX's own cache gives back cannot be serialized again, because the copy lacks its functions. And if the
         # sources were edited since this process read them, the executable is not the one of the edited sources.
         if jax.config.values["jax_compilation_cache_dir"] is None and _hash_sources() == _SOURCES:
-            _write_executable(path, pickle.dumps(serialize_executable.serialize(compiled)))
+            write_entry(path, pickle.dumps(serialize_executable.serialize(compiled)))
 
         return compiled
 
@@ -189,11 +172,10 @@ def load_programs_of(purpose: str) -> None:
         return
 
     folder = cache / _environment_folder()
-    try:
-        names = (folder / f"{purpose}.txt").read_text(encoding="utf-8").split()
-    except (OSError, UnicodeError):
-        return
-    load_in_background([folder / name for name in names], _load_executable)
+    content = read_entry(folder / f"{purpose}.txt")
+    if content is not None:
+        names = content.decode().split()
+        load_in_background([folder / name for name in names], _load_executable)
 
 
 def keep_programs_of(purpose: str) -> None:
@@ -205,7 +187,7 @@ def keep_programs_of(purpose: str) -> None:
     cache = cache_folder()
     if cache is not None and _used:
         content = "".join(f"{name}\n" for name in _used).encode()
-        _write_executable(cache / _environment_folder() / f"{purpose}.txt", content)
+        write_entry(cache / _environment_folder() / f"{purpose}.txt", content)
 
 
 _waiting: dict[int, str] = {}
@@ -271,9 +253,13 @@ converting once: ten NumPy arrays among the arguments of a program cost more tha
 
 def _load_executable(path: Path) -> Callable[..., Any] | None:
     """Return the executable of a file, or None if the file is absent or of no use."""
+    content = read_entry(path)
+    if content is None:
+        return None
+
     _register_linear_algebra()
     try:
-        program, inputs, outputs = pickle.loads(path.read_bytes())
+        program, inputs, outputs = pickle.loads(content)
         return serialize_executable.deserialize_and_load(
             program,
             inputs,
@@ -281,27 +267,8 @@ def _load_executable(path: Path) -> Callable[..., Any] | None:
             execution_devices=jax.devices()[:1],
         )
     except Exception:
-        # Absent, cut short, or written by another jaxlib: in each case the program is compiled anew.
+        # Written by another jaxlib: the program is compiled anew.
         return None
-
-
-def _write_executable(path: Path, content: bytes) -> None:
-    """Write an executable whole or not at all; a cache that cannot be written to is no error."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        _remove_oldest(path.parents[1])
-        write_whole(path, content)
-    except OSError:
-        pass
-
-
-def _remove_oldest(cache: Path) -> None:
-    """Remove all folders of executables but the `KEPT` ones that were written last."""
-    folders = [path for path in cache.iterdir() if path.is_dir() and path.name.startswith(_PREFIX)]
-    folders.sort(key=lambda path: path.stat().st_mtime)
-
-    for folder in folders[:-KEPT]:
-        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _hash_sources() -> str:
@@ -343,7 +310,7 @@ def _environment_folder() -> str:
     settings = os.environ.get("XLA_FLAGS", "")
 
     environment = (_SOURCES, versions, devices, settings, platform.machine(), _processor_features())
-    return _PREFIX + hashlib.sha256(repr(environment).encode()).hexdigest()[:16]
+    return PREFIX + hashlib.sha256(repr(environment).encode()).hexdigest()[:16]
 
 
 def _processor_features() -> str:

@@ -15,13 +15,12 @@ def only_process(path: Path) -> Iterator[None]:
     Windows, or in a folder that cannot be written to), nobody waits: two processes do the same work, which is no error.
 
     Args:
-        path: File of the lock. It is made, together with its folder, and removed at the end. A process that arrives in
+        path: File of the lock, in a folder that exists. It is made, and removed at the end. A process that arrives in
             this moment may have to do without the lock, so what the block makes has to be written in one step.
     """
     try:
         import fcntl
 
-        path.parent.mkdir(parents=True, exist_ok=True)
         file = path.open("wb")
     except (ImportError, OSError):
         yield

@@ -8,14 +8,34 @@ import signal
 import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
 from itertools import cycle
 from multiprocessing.queues import SimpleQueue
 from types import TracebackType
+from typing import Any
 
 
 class WorkerPool(ProcessPoolExecutor):
     """A process pool whose workers are terminated when its `with` block ends with an error or is interrupted."""
+
+    def submit(self, *arguments: Any, **named: Any) -> Future[Any]:
+        """Submit a task, for which a process may be started.
+
+        Ctrl-C reaches all processes of a terminal. A new process inherits that this thread does not take it for now,
+        and so does not end with a traceback before it comes to ignore it. The other threads of this process take it.
+
+        Args:
+            arguments: The function that carries out the task, and its arguments.
+            named: Its arguments by name.
+
+        Returns:
+            The result that is to come.
+        """
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            return super().submit(*arguments, **named)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
     def __exit__(
         self,

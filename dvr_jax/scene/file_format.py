@@ -157,7 +157,9 @@ def decode_scene(text: str | bytes) -> SceneRecord:
         record = msgspec.json.decode(text, type=_FORMATS[version])
         # msgspec silently takes the last one of several equal keys.
         json.loads(text, object_pairs_hook=_refuse_equal_keys, parse_int=float)
-    except (msgspec.DecodeError, UnicodeError) as error:
+    except RecursionError:
+        raise SceneError("not valid JSON (it is nested too deeply).") from None
+    except (msgspec.DecodeError, ValueError) as error:
         raise SceneError(_explain(str(error), version)) from None
 
     return record

@@ -11,6 +11,7 @@ from pathlib import Path
 import msgspec
 
 from dvr_jax.errors import DvrError, SceneError
+from dvr_jax.runtime.files import read_whole, require_writable, write_whole
 from dvr_jax.scene.file_format import (
     ArmRecord,
     FixedRecord,
@@ -56,6 +57,9 @@ __all__ = [
     "validate_scene",
 ]
 
+LARGEST_SCENE = 1 << 24
+"""Bytes of the largest file of one scene; a scene has a few kilobytes."""
+
 ROUNDING = 1e-9
 """Numbers that differ by no more are the same [m, rad]."""
 
@@ -97,7 +101,7 @@ def load_scene(path: str | Path) -> Scene:
         SceneError: The file holds no valid scene.
         OSError: The file cannot be read.
     """
-    return scene_from_json(Path(path).read_bytes(), str(path))
+    return scene_from_json(read_whole(path, LARGEST_SCENE), str(path))
 
 
 def load_scenes(path: str | Path) -> tuple[Scene, ...]:
@@ -107,7 +111,7 @@ def load_scenes(path: str | Path) -> tuple[Scene, ...]:
         SceneError: A line holds no valid scene (the message names file and line), or there is no scene at all.
         OSError: The file cannot be read.
     """
-    lines = Path(path).read_bytes().split(b"\n")
+    lines = read_whole(path).split(b"\n")
     scenes = tuple(
         scene_from_json(line, f"{path}, line {number}")
         for number, line in enumerate(lines, start=1)
@@ -127,7 +131,7 @@ def save_scene(path: str | Path, scene: Scene) -> None:
         scene: The scene.
     """
     text = msgspec.json.format(scene_to_json(scene), indent=2)
-    Path(path).write_text(text + "\n", encoding="utf-8")
+    write_whole(Path(path), (text + "\n").encode())
 
 
 def save_scenes(path: str | Path, scenes: Iterable[Scene]) -> None:
@@ -138,8 +142,8 @@ def save_scenes(path: str | Path, scenes: Iterable[Scene]) -> None:
         scenes: The scenes.
     """
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text("".join(scene_to_json(scene) + "\n" for scene in scenes), encoding="utf-8")
+    require_writable(path)
+    write_whole(path, "".join(scene_to_json(scene) + "\n" for scene in scenes).encode())
 
 
 def are_equal_but_for_rounding(first: Scene, second: Scene) -> bool:

@@ -17,8 +17,11 @@ SMALLEST_SIZE = 1e-3
 LARGEST_SIZE = 2.0
 """No body is longer than this, and none reaches higher [m]: the camera hangs above."""
 
-LARGEST_YAW = 1e3
-"""Turns beyond this [rad] are no angles."""
+LONGEST_NAME = 100
+"""Characters of the longest name."""
+
+LARGEST_YAW = 2 * math.pi
+"""A larger turn is an angle in degrees, or none at all [rad]."""
 
 YAW_RANGE = (-LARGEST_YAW, LARGEST_YAW)
 """Valid yaws [rad]."""
@@ -45,10 +48,17 @@ def require_name(kind: str, name: str, reserved: str = RESERVED_CHARACTERS) -> N
         reserved: Characters that a name of this kind does not have.
 
     Raises:
-        SceneError: The value is no text, is empty, has a reserved character, or begins or ends with a blank.
+        SceneError: The value is no text, is empty or too long, has a reserved character or one that cannot be printed,
+            or begins or ends with a blank.
     """
     if not isinstance(name, str) or not name:
         raise SceneError(f"{kind}'s name is {name!r}; a name is a text of at least one character.")
+    if len(name) > LONGEST_NAME:
+        raise SceneError(
+            f"{kind}'s name has {len(name)} characters; valid are at most {LONGEST_NAME}."
+        )
+    if not name.isprintable():
+        raise SceneError(f"{kind}'s name is {name!r}; valid are printable characters only.")
     if set(name) & set(reserved) or name != name.strip():
         raise SceneError(
             f"{kind}'s name is {name!r}; a name has none of {' '.join(reserved)}, no blanks around it."

@@ -15,6 +15,7 @@ from itertools import combinations
 from dvr_jax.errors import SceneError
 from dvr_jax.geometry.footprint import covers, fits, inside, signed_distance
 from dvr_jax.goals import OnRegion
+from dvr_jax.scene.room import has_room
 from dvr_jax.scene.rules import (
     ANY_NUMBER,
     DENSITY_RANGE,
@@ -37,6 +38,7 @@ from dvr_jax.scene.types import (
     SceneObject,
 )
 from dvr_jax.scene.workcell_rules import (
+    base_footprints,
     require_off_bases,
     table_in_words,
     validate_workcell,
@@ -222,6 +224,8 @@ def _validate_room(scene: Scene) -> None:
             f"{in_words(item.size)} m, however it is turned; make it larger."
         )
 
+    _validate_room_beside_bases(scene)
+
     # A body over a part of the region leaves room beside it, so only the search can judge it.
     for body in scene.fixed:
         too_low = body.bottom < item.height - OVERLAP_TOLERANCE
@@ -229,4 +233,18 @@ def _validate_room(scene: Scene) -> None:
             raise SceneError(
                 f"the fixed body {body.name!r} stands on the whole goal region, or hangs over it lower than "
                 f"{item.name!r} is high, {item.height:g} m; move one of the two."
+            )
+
+
+def _validate_room_beside_bases(scene: Scene) -> None:
+    """The goal's object must find a place on the region that is not in the base of an arm."""
+    item = scene.objects[scene.goal_index]
+    region = scene.goal.region
+    workcell = scene.workcell
+
+    for arm in workcell.arms:
+        if not has_room(item.footprint, region.footprint, base_footprints(arm, workcell.robot)):
+            raise SceneError(
+                f"the goal region at {in_words(region.position)} lies under the {arm.name} arm's base and leaves no "
+                f"room for {item.name!r}; move it away."
             )

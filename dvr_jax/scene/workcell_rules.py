@@ -31,9 +31,6 @@ from dvr_jax.workcell.workcell import Arm, Table, Workcell
 LARGEST_NUMBER_OF_ARMS = 2
 """A workcell has one arm or two."""
 
-LONGEST_NAME = 100
-"""Characters of the longest name of an arm."""
-
 ARM_RESERVED_CHARACTERS = RESERVED_CHARACTERS + "/"
 """Characters that no arm's name has; the slash separates an arm's name from its bodies' names."""
 
@@ -162,12 +159,6 @@ def _validate_table(table: Table) -> None:
 
 def _validate_arm_name(name: str) -> None:
     require_name("an arm", name, ARM_RESERVED_CHARACTERS)
-    if len(name) > LONGEST_NAME:
-        raise SceneError(
-            f"an arm's name has {len(name)} characters; valid are at most {LONGEST_NAME}."
-        )
-    if not name.isprintable():
-        raise SceneError(f"an arm's name is {name!r}; valid are printable characters only.")
     if name in RESERVED_ARM_NAMES:
         raise SceneError(
             f"an arm's name is {name!r}; valid is any name but {' and '.join(RESERVED_ARM_NAMES)}."

@@ -123,7 +123,14 @@ class _Found(Exception):
 class _FirstLeaves(SearchSession):
     """A search that ends where the first bound of a complete sequence would be computed."""
 
-    def judge_prefix_chains(self, leaves: list[Node]) -> Steps[list[Node]]:
+    def judge_scene(self) -> Steps[bool]:
+        """Return True: the relaxation is left out, because it needs compiled programs."""
+        yield from ()
+        return True
+
+    def judge_prefix_chains(
+        self, leaves: list[Node], relax_first: bool = False
+    ) -> Steps[list[Node]]:
         """Raise `_Found`."""
         raise _Found(leaves[0].depth)
 

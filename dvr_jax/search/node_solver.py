@@ -193,6 +193,7 @@ class NodeSolver:
                 else:
                     # `min` returns its first argument if the second is NaN, the initial value of `node.violation`.
                     node.violation = min(solution.relative_violation, node.violation)
+                    node.add_evidence(_problem_of(node), solution)
         return [node for node in nodes if not node.feasible]
 
     def solve_from_all(self, nodes: list[Node], bound: str) -> Steps[None]:
@@ -271,9 +272,10 @@ class NodeSolver:
         problem = _problem_of(node)
         start = initial_path(self.model, problem, keyframes or self.path_keyframes(node)[0])
         self.counts.nlps["path"] += 1
-        solved: list[NlpSolution] = yield SolveNlps(
-            self.model, [path_problem(problem, start)], [start], self.settings
-        )
+        path = path_problem(problem, start)
+        solved: list[NlpSolution] = yield SolveNlps(self.model, [path], [start], self.settings)
+        if not solved[0].feasible:
+            node.add_evidence(path, solved[0])
         return solved[0]
 
     def optimize_path(self, node: Node, path: NlpSolution) -> Steps[NlpSolution]:

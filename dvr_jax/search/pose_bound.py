@@ -74,7 +74,7 @@ class PoseBound:
             chain, ignored = self._chain(node)
             judged = self._chains[chain][ignored]
             if not judged.feasible:
-                node.refute("pose", judged.violation)
+                node.refute("pose", judged.violation, judged.source or judged)
             elif not ignored:
                 # No object is ignored, so the chain is the whole sequence and the sequence bound is computed too.
                 node.feasible = True
@@ -91,7 +91,7 @@ class PoseBound:
             known = self._chains.get(part, {}).get(ignored)
             for judged in (known, self._refuting_switch(part, ignored)):
                 if judged is not None and judged.feasible is False:
-                    node.refute("pose", judged.violation)
+                    node.refute("pose", judged.violation, judged.source or judged)
                     return False
         return node.feasible is not False
 
@@ -132,6 +132,7 @@ class PoseBound:
             if not parent.feasible:
                 node.feasible = False
                 node.violation = parent.violation
+                node.source = parent.source or parent
             elif not self._inherit(node, known, ignored):
                 fresh.append((node, ignored))
         return fresh
@@ -166,6 +167,7 @@ class PoseBound:
             else:
                 node.feasible = False
                 node.violation = judged.violation
+                node.source = judged
         return passed
 
     def _fresh_switches(self, nodes: list[tuple[Node, Ignored]]) -> dict[ChainKey, Node]:

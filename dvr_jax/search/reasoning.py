@@ -6,10 +6,15 @@ prediction exceeds a threshold, which decreases during the search. Whatever the 
 most K_max actions is reached in the end unless a bound has refuted a prefix of it, so that these searches are as
 complete as breadth-first search.
 
-One thing differs from the paper. Each time that none of the leaves tried was feasible, the search collects four times
-as many leaves above the threshold before the next try, and judges their keyframes in one batch; their paths are tried
-in the order of the predictions. If the network's first prediction is right, nothing changes. If it is wrong, a batch is
-many times cheaper than its members one after the other.
+Three things differ from the paper. If the network's first prediction is right, they change nothing.
+
+- Each time that none of the leaves tried was feasible, the search collects four times as many leaves above the
+  threshold before the next try, and judges their keyframes in one batch; their paths are tried in the order of the
+  predictions. A batch is many times cheaper than its members one after the other.
+- After the first failure the relaxation of the scene is computed (`dvr_jax.search.relaxation`). The search ends if it
+  shows that there is no solution, and skips all prefixes that cannot lead to one.
+- After each failure, a best-first search by the relaxation's bound goes on for a number of prefixes
+  (`dvr_jax.search.front`). It finds solutions that are longer than those that the network was trained on.
 """
 
 from __future__ import annotations
@@ -21,6 +26,7 @@ from itertools import count
 import numpy as np
 from jaxtyping import Float
 
+from dvr_jax.search.front import PrefixFront
 from dvr_jax.search.node import Node
 from dvr_jax.search.predictor import Encoding, Images, SequencePredictor
 from dvr_jax.search.session import Outcome, SearchSession
@@ -142,6 +148,8 @@ def _guided(
 ) -> Steps[Outcome]:
     """Search with a network's predictions; `to_expand` determines the order in which nodes are expanded."""
     tree = session.tree
+    if tree.is_refuted_at_once() and not (yield from session.judge_scene()):
+        return Outcome(PlanStatus.EXHAUSTED, seconds=session.seconds)
 
     # The images of the initial scene are rendered and encoded once.
     with session.timed("image"):
@@ -150,6 +158,7 @@ def _guided(
         encoding = network.encode_scene(tree.scene, tree.grounding, images)
     to_expand.push(_Candidate(tree.root, 1.0, encoding.initial_hidden()[0]))
 
+    front = PrefixFront(session)
     leaves = _ByProbability()
     threshold = THRESHOLD
     width = 1
@@ -169,7 +178,32 @@ def _guided(
             if outcome is not None:
                 return outcome
             width = min(GROWTH * width, LARGEST_BATCH)
+            outcome = yield from _advance(session, front, width)
+            if outcome is not None:
+                return outcome
+
+    # The relaxation may know a reason, also if it was not needed.
+    yield from session.judge_scene()
     return Outcome(PlanStatus.EXHAUSTED, seconds=session.seconds)
+
+
+def _advance(session: SearchSession, front: PrefixFront, width: int) -> Steps[Outcome | None]:
+    """Go on by the relaxation after the network's leaves have failed.
+
+    Args:
+        session: The search in progress.
+        front: The best-first search beside the network's.
+        width: Number of leaves that the network proposes next.
+
+    Returns:
+        How the search ends; None if it goes on.
+    """
+    if not (yield from session.judge_scene()):
+        return Outcome(PlanStatus.EXHAUSTED, seconds=session.seconds)
+    if not session.tree.is_relaxed:
+        return None
+    expansions = max(width, 2 * session.tree.relaxation.lower_bound)
+    return (yield from session.try_leaves((yield from front.advance(expansions))))
 
 
 def _expand(
@@ -208,7 +242,7 @@ def _try(session: SearchSession, leaves: list[Node]) -> Steps[Outcome | None]:
     if len(leaves) > 1:
         passed = yield from session.judge_leaves(leaves)
     else:
-        passed = yield from session.judge_prefix_chains(leaves)
+        passed = yield from session.judge_prefix_chains(leaves, relax_first=True)
     for leaf in passed:
         outcome = yield from session.try_leaves([leaf])
         if outcome is not None:

@@ -24,13 +24,20 @@ from dvr_jax.search.session import Accept, Outcome, Progress, SearchSession
 from dvr_jax.search.status import PlanStatus
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import Steps, run_alone
+from dvr_jax.seeds.keyframe_beam import BEAM_CAPACITY
 from dvr_jax.solver.state import Termination
 
 LEAVES = 64
 """Number of leaves whose bounds are computed in one batch before the paths of the feasible ones are tried."""
 
+UNRELAXED_LENGTH = 2
+"""Sequences of up to this length are judged before the relaxation is computed, which costs as much as they do."""
+
 EAGER_LENGTH = 3
 """Length up to which multi-bound search computes the pose bound of all prefixes."""
+
+SPARE_ACTIONS = 4
+"""By default, a search goes up to the lower bound on the number of actions plus this number."""
 
 Judge = Callable[[list[Node]], Steps[list[Node]]]
 """Function that computes a bound of nodes and returns the nodes that pass."""
@@ -70,6 +77,9 @@ def _by_levels(
     tree = session.tree
     level = [tree.root]
     for depth in range(1, tree.k_max + 1):
+        is_relaxed = depth > UNRELAXED_LENGTH or tree.is_refuted_at_once()
+        if is_relaxed and not (yield from session.judge_scene()):
+            break
         children = [
             child for node in level if node.feasible is not False for child in tree.expand(node)
         ]
@@ -85,6 +95,9 @@ def _by_levels(
 
         if depth < tree.k_max:
             level = yield from judge_prefixes([node for node in children if not node.reaches_goal])
+
+    # The relaxation may know a reason, also if it was not needed.
+    yield from session.judge_scene()
     return Outcome(PlanStatus.EXHAUSTED, seconds=session.seconds)
 
 
@@ -128,6 +141,9 @@ def search(
     network: SequencePredictor[Images, Encoding] | None = None,
     termination: Termination = Termination.FEASIBLE,
     watch: Callable[[Steps[Outcome]], Steps[Outcome]] = lambda steps: steps,
+    *,
+    is_limit_open: bool = False,
+    shortest: bool = False,
 ) -> Outcome:
     """Run a search until it finds a solution, has refuted all sequences, or the tree's deadline has passed.
 
@@ -139,12 +155,44 @@ def search(
         network: Network of the search's kind; None for a search that needs no network.
         termination: Whether paths are optimized further once they are feasible.
         watch: Function that passes the requests of the search on, and may look at them.
+        is_limit_open: Whether the tree's `k_max` is raised if no sequence of so many actions solves the scene: to the
+            lower bound on the number of actions plus `SPARE_ACTIONS`.
+        shortest: Whether the solution has the least number of actions.
     """
     session = SearchSession(tree, accept, progress, termination)
+    found = Outcome(PlanStatus.TIME_LIMIT, seconds=session.seconds)
     try:
-        return run_alone(watch(steps_of(name, session, network)))
+        found = run_alone(watch(steps_of(name, session, network)))
+        is_open = is_limit_open and found.status == PlanStatus.EXHAUSTED
+        if is_open and run_alone(_raise_limit(session)):
+            found = run_alone(watch(steps_of(name, session, network)))
+        if shortest and found.node is not None:
+            tree.k_max = found.node.depth - 1
+            if run_alone(session.judge_scene()):
+                shorter = run_alone(watch(multi_bound(session)))
+                found = shorter if shorter.node is not None else found
     except OutOfTime:
-        return Outcome(PlanStatus.TIME_LIMIT, seconds=session.seconds)
+        found.is_complete = False
+    return found
+
+
+def _raise_limit(session: SearchSession) -> Steps[bool]:
+    """Raise the largest number of actions by the lower bound of the relaxation.
+
+    Returns:
+        Whether it was raised. It is not if the bound shows that there is no solution of any length.
+    """
+    tree = session.tree
+    if tree.relaxation.is_hopeless():
+        return False
+    with session.timed("relaxation"):
+        least = yield from tree.relaxation.compute(BEAM_CAPACITY)
+    wanted = min(least + SPARE_ACTIONS, BEAM_CAPACITY)
+    if least > BEAM_CAPACITY or wanted <= tree.k_max:
+        return False
+    tree.k_max = wanted
+    session.progress(f"at least {least} actions are needed; sequences of up to {wanted} follow")
+    return True
 
 
 def steps_of(

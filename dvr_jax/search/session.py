@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from dvr_jax.nlp.problem import Variables
 from dvr_jax.search.node import Node
 from dvr_jax.search.node_solver import PATH_STARTS
+from dvr_jax.search.shortening import shorter_leaves
 from dvr_jax.search.status import PlanStatus
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import Steps
@@ -44,6 +45,9 @@ class Outcome:
     seconds: dict[str, float] = field(default_factory=dict)
     """Time spent on each bound [s]."""
 
+    is_complete: bool = True
+    """False if the time was over before it was known whether a shorter solution exists, where this was asked."""
+
 
 class SearchSession:
     """One search over a tree: it computes bounds and tries paths, and measures the time of each stage."""
@@ -67,7 +71,7 @@ class SearchSession:
         self.accept = accept
         self.progress = progress
         self.termination = termination
-        stages = ("image", "network", "pose", "sequence", "path", "optimum")
+        stages = ("image", "network", "relaxation", "pose", "sequence", "path", "optimum")
         self.seconds = dict.fromkeys(stages, 0.0)
 
     @contextmanager
@@ -83,6 +87,11 @@ class SearchSession:
         """Return leaves of one length in the order in which they are judged; a subclass may override this order."""
         return leaves
 
+    def judge_scene(self) -> Steps[bool]:
+        """Compute the relaxation, and return whether it allows a solution of at most `k_max` actions."""
+        with self.timed("relaxation"):
+            return (yield from self.tree.judge_scene())
+
     def judge_sequences(self, nodes: list[Node]) -> Steps[list[Node]]:
         """Compute the sequence bound of nodes and return the nodes that pass."""
         with self.timed("sequence"):
@@ -90,13 +99,30 @@ class SearchSession:
         return [node for node in nodes if node.feasible]
 
     def judge_poses(self, nodes: list[Node]) -> Steps[list[Node]]:
-        """Compute the pose bound of nodes and return the nodes that pass."""
+        """Judge the windows and then the pose bound of nodes, and return the nodes that pass."""
+        # A chain of one or two actions costs no more than its window, so only longer chains have their windows judged.
+        with self.timed("relaxation"):
+            verdicts = yield from self.tree.judge_windows(nodes, least=3)
+        left = [node for node, verdict in zip(nodes, verdicts, strict=True) if verdict]
         with self.timed("pose"):
-            verdicts = yield from self.tree.judge_poses(nodes)
-        return [node for node, verdict in zip(nodes, verdicts, strict=True) if verdict]
+            verdicts = yield from self.tree.judge_poses(left)
+        return [node for node, verdict in zip(left, verdicts, strict=True) if verdict]
 
-    def judge_prefix_chains(self, leaves: list[Node]) -> Steps[list[Node]]:
+    def judge_children(self, nodes: list[Node]) -> Steps[list[Node]]:
+        """Judge the windows and then the sequence bound of children of feasible nodes; return those that pass."""
+        with self.timed("relaxation"):
+            verdicts = yield from self.tree.judge_windows(nodes)
+        left = [node for node, verdict in zip(nodes, verdicts, strict=True) if verdict]
+        return (yield from self.judge_sequences(left))
+
+    def judge_prefix_chains(
+        self, leaves: list[Node], relax_first: bool = False
+    ) -> Steps[list[Node]]:
         """Compute the sequence bound of all prefixes of leaves, the short ones first, and retry the refuted ones once.
+
+        Args:
+            leaves: The leaves.
+            relax_first: Whether nothing is retried if the relaxation shows that the scene has no solution.
 
         Returns:
             The leaves that pass.
@@ -108,10 +134,12 @@ class SearchSession:
                 assert node.parent is not None
                 if node.feasible is None and node.parent.feasible is False:
                     node.feasible = False
-            unjudged = [node for node in prefixes if node.feasible is None]
-            yield from self.judge_sequences(unjudged)
+            yield from self.judge_sequences([node for node in prefixes if node.feasible is None])
+            refuted = [node for node in prefixes if node.deserves_second_look]
+            if relax_first and refuted and not (yield from self.judge_scene()):
+                return []
             with self.timed("sequence"):
-                yield from self.tree.retry_refuted(unjudged)
+                yield from self.tree.retry_refuted(refuted)
         return [leaf for leaf in leaves if leaf.feasible]
 
     def judge_leaves(self, leaves: list[Node]) -> Steps[list[Node]]:
@@ -128,13 +156,30 @@ class SearchSession:
         return (yield from self.judge_prefix_chains(leaves))
 
     def try_leaves(self, leaves: list[Node]) -> Steps[Outcome | None]:
-        """Try the paths of feasible leaves until one is accepted, those with the least penetrating keyframes first."""
+        """Try the paths of feasible leaves until one is accepted, those with the least penetrating keyframes first.
+
+        The sequences that leave out some of a leaf's actions are tried before it.
+        """
         for node in sorted(leaves, key=_least_violation):
-            self.tree.counts.verdicts["path"] += 1
-            outcome = yield from self.try_path(node)
-            if outcome is not None:
-                return outcome
+            if node.solved is not None:
+                continue
+            shorter = yield from self.judge_shorter(node)
+            for leaf in [*shorter, node]:
+                self.tree.counts.verdicts["path"] += 1
+                outcome = yield from self.try_path(leaf)
+                if outcome is not None:
+                    return outcome
         return None
+
+    def judge_shorter(self, leaf: Node) -> Steps[list[Node]]:
+        """Judge the sequences that leave out some actions of a leaf and still reach the goal, in one batch.
+
+        Returns:
+            Those that pass and whose paths have not been tried, the shortest first.
+        """
+        shorter = [node for node in shorter_leaves(self.tree, leaf) if node.solved is None]
+        passed = yield from self.judge_leaves(shorter)
+        return sorted(passed, key=lambda node: node.depth)
 
     def try_path(self, node: Node) -> Steps[Outcome | None]:
         """Solve the path NLP from several keyframe solutions of a leaf, one after the other, until a path is accepted.
@@ -144,6 +189,7 @@ class SearchSession:
         """
         node.solved = False
         node.refuted_by = "path"
+        node.evidence = None
         node.violation = math.nan
         starts = self.tree.solver.path_keyframes(node)
         outcome = yield from self._try_path_from(node, starts)

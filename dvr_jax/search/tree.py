@@ -6,9 +6,13 @@ bounds, and so are its descendants:
 
 - *symbolic*: the goal can be reached within K_max actions, and no action is refuted by a constant of the scene (for
   example, by an object that is too wide for the gripper);
-- *pose*: keyframes exist for the actions on one object alone (`dvr_jax.search.pose_bound`);
+- *pose*: keyframes exist for the actions on one object alone (`dvr_jax.search.pose_bound`), and for each two or three
+  consecutive ones of them (`dvr_jax.search.windows`);
 - *sequence*: keyframes exist for all actions of the prefix;
 - *path*: a motion exists for the whole sequence, which reaches the goal.
+
+From the windows follows a lower bound on the number of actions of a scene and on those that a prefix still needs
+(`dvr_jax.search.relaxation`). Prefixes that cannot lead to a solution of at most K_max actions are not expanded.
 
 Bounds are generators: they yield requests for numerical work (`dvr_jax.search.work`) and continue when it is done, so
 that the searches of many scenes can share batches. Only `SequenceTree.retry_refuted` ever revises a verdict.
@@ -26,8 +30,9 @@ from dvr_jax.scene.types import Scene
 from dvr_jax.search.node import Node
 from dvr_jax.search.node_solver import NodeSolver
 from dvr_jax.search.pose_bound import PoseBound
+from dvr_jax.search.relaxation import Relaxation
 from dvr_jax.search.work import Steps
-from dvr_jax.seeds.keyframe_beam import empty_beam
+from dvr_jax.seeds.keyframe_beam import beam_capacity, empty_beam
 from dvr_jax.solver.state import Settings
 
 
@@ -42,6 +47,7 @@ class SequenceTree:
         settings: Settings | None = None,
         deadline: float = math.inf,
         operators: Sequence[Operator] = OPERATORS,
+        is_relaxed: bool = True,
     ) -> None:
         """Create a tree that consists of its root, the empty sequence.
 
@@ -52,6 +58,8 @@ class SequenceTree:
             settings: Settings of the solver; None for the default ones.
             deadline: Time of `time.monotonic` past which bounds raise `OutOfTime` [s].
             operators: The operators that span the tree.
+            is_relaxed: Whether the relaxation prunes the tree. Without it every prefix has a verdict of its own, which
+                labels for training need.
 
         Raises:
             DvrError: Something collides in the scene's initial state.
@@ -61,6 +69,7 @@ class SequenceTree:
         self.k_max = k_max
         self.seed = seed
         self.operators = operators
+        self.is_relaxed = is_relaxed
         self.solver = NodeSolver(scene, settings or Settings(), deadline, operators)
         self.counts = self.solver.counts
         self.grounding: Grounding = ground_scene(scene, operators)
@@ -68,8 +77,14 @@ class SequenceTree:
             action: refute(scene, action, operators) for action in self.grounding.actions
         }
         self.root = Node((), self.grounding.initial_state, None, reaches_goal=False, feasible=True)
-        self.root.beam = empty_beam(len(scene.objects), k_max, scene.workcell.number_of_joints)
+        self.root.beam = empty_beam(
+            len(scene.objects), beam_capacity(k_max), scene.workcell.number_of_joints
+        )
         self._pose_bound = PoseBound(self.solver, self.root, seed)
+        self.relaxation = Relaxation(
+            self.solver, self.root, seed, lambda action: self._refuted[action] is None
+        )
+        """Lower bounds on the number of actions."""
 
     def statically_infeasible_actions(self, node: Node) -> list[Action]:
         """Return the actions that the logic allows after a prefix but a constant of the scene refutes."""
@@ -86,17 +101,21 @@ class SequenceTree:
         return False
 
     def expand(self, node: Node) -> list[Node]:
-        """Return the children of a node that pass the symbolic bound; they are created in the first call."""
-        if node.children is None:
+        """Return the children of a node that pass the symbolic bound and the relaxation, as far as it is known."""
+        if node.children is None or node.children_limit < self.k_max:
             self.solver.look_at_the_clock()
+            known = {child.actions[-1]: child for child in node.children or ()}
             allowed = self.grounding.applicable(node.state)
-            children = [self._child(node, index) for index in allowed]
+            children = [self._child(node, index, known) for index in allowed]
             node.children = [child for child in children if child is not None]
-        return node.children
+            node.children_limit = self.k_max
+        return [child for child in node.children if self._may_be_solved(child)]
 
-    def _child(self, node: Node, index: int) -> Node | None:
-        """Create the child of a node by one action; None if the symbolic bound refutes it or it is a duplicate."""
+    def _child(self, node: Node, index: int, known: dict[Action, Node]) -> Node | None:
+        """Return the child of a node by one action; None if the symbolic bound refutes it or it is a duplicate."""
         action = self.grounding.actions[index]
+        if action in known:
+            return known[action]
         if is_duplicate(self.scene, action, self.operators):
             return None
         after = self.grounding.successor(node.state, index)
@@ -108,6 +127,38 @@ class SequenceTree:
             return None
         self.counts.feasible["symbolic"] += 1
         return Node((*node.actions, action), after, node, self.grounding.is_goal(after))
+
+    def _may_be_solved(self, node: Node) -> bool:
+        """Return whether the windows that are known allow a solution of at most `k_max` actions that begins so."""
+        if not self.is_relaxed:
+            return True
+        if not self.relaxation.check_cached(node):
+            return False
+        left = self.k_max - node.depth
+        if not self.grounding.can_reach_goal(node.state, left):
+            return False
+        return node.reaches_goal or self.relaxation.remaining(node.actions) <= left
+
+    def is_refuted_at_once(self) -> bool:
+        """Return whether what is known without any numerical work excludes a solution of at most `k_max` actions."""
+        return self.is_relaxed and self.relaxation.least_without_limit() > self.k_max
+
+    def judge_scene(self) -> Steps[bool]:
+        """Compute the relaxation of the scene, and return whether it allows a solution of at most `k_max` actions."""
+        if not self.is_relaxed:
+            return True
+        return (yield from self.relaxation.compute(self.k_max)) <= self.k_max
+
+    def judge_windows(self, nodes: list[Node], least: int = 1) -> Steps[list[bool]]:
+        """Judge the last two actions on one object of nodes, and return for each of them whether it passes.
+
+        Args:
+            nodes: The nodes.
+            least: Number of actions on the object from which on windows are judged.
+        """
+        if not self.is_relaxed:
+            return [True] * len(nodes)
+        return (yield from self.relaxation.judge_windows(nodes, least))
 
     def judge_sequences(self, nodes: list[Node]) -> Steps[None]:
         """Compute the sequence bound of nodes whose parents have passed it."""
@@ -129,6 +180,7 @@ class SequenceTree:
         unproved = yield from self.solver.sample(refuted, [()] * len(refuted), self.seed + 1)
         yield from self.solver.solve_from_all(unproved, "sequence")
         for node in refuted:
+            node.is_retried = True
             if node.feasible:
                 node.refuted_by = ""
                 node.violation = math.nan

@@ -19,7 +19,7 @@ from dvr_jax.search.predictor import Encoding, Images, SequencePredictor
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.seeds.beam_batches import BeamTask, extend_beams
 from dvr_jax.seeds.initial_paths import initial_path, optimal_path_problem, path_problem
-from dvr_jax.seeds.keyframe_beam import empty_beam
+from dvr_jax.seeds.keyframe_beam import beam_capacity, empty_beam
 from dvr_jax.solver.continuous_collision import sample_penetration
 from dvr_jax.solver.lane_pool import solve, stack
 from dvr_jax.solver.sequential import SequentialSettings
@@ -79,7 +79,8 @@ class Programs:
     def extend(self, lanes: int) -> None:
         """Extend a beam along the sequence, so many prefixes at a time."""
         problem = self.problems[1]
-        beam = empty_beam(len(problem.prism), self.k_max, len(problem.home))
+        capacity = beam_capacity(self.k_max)
+        beam = empty_beam(len(problem.prism), capacity, len(problem.home))
         for length, proposal in enumerate(self.proposals, start=1):
             (beam,) = extend_beams(
                 self.model, [BeamTask(beam, self.problems[length], proposal)], [lanes], 0

@@ -77,6 +77,15 @@ UNREACHABLE = 10.0
 """Violation that is assigned to a proposal for which inverse kinematics has no solution [m]."""
 
 
+BEAM_CAPACITY = 12
+"""Number of actions that beams have room for, so that searches with different `k_max` share compiled programs."""
+
+
+def beam_capacity(k_max: int) -> int:
+    """Return the number of actions that the beams of a search with this largest number of actions have room for."""
+    return max(k_max, BEAM_CAPACITY)
+
+
 class KeyframeBeam(NamedTuple):
     """Beams of M prefixes, B = `BEAM_WIDTH` candidates each; N objects, at most K_max switches.
 

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float
 from scipy.interpolate import PPoly
 
 from dvr_jax.motion.joint_curve import joint_curve
-from dvr_jax.nlp.blocks.straight_motion import near_and_far
+from dvr_jax.nlp.blocks.straight_motion import StraightKind, near_and_far
 from dvr_jax.nlp.problem import Problem, Variables
 from dvr_jax.solver.iteration import lay_out_chunks, measure_chunk
 from dvr_jax.workcell.model import WorkcellModel
@@ -68,17 +68,18 @@ def place_samples(
 
 
 def straight_intervals(problem: Problem, slices: int) -> Bool[np.ndarray, "slices arms"]:
-    """Return whether each arm moves straight in the interval before each slice of a path.
+    """Return whether each arm moves along its hand's approach axis in the interval before each slice of a path.
 
     Args:
         problem: The NLP, without batch axes.
         slices: Number T of slices.
     """
     distance = np.asarray(problem.straight_distance)
+    is_approach = np.asarray(problem.straight_kind) == StraightKind.APPROACH
     arm = np.asarray(problem.straight_arm)
     near, far = near_and_far(len(distance), slices // len(distance))
     straight = np.zeros((slices, problem.still_arm.shape[-1]), bool)
-    for phase, motion in np.argwhere(distance > 0).tolist():
+    for phase, motion in np.argwhere(is_approach & (distance > 0)).tolist():
         later = max(near[phase, motion], far[phase, motion])
         straight[later, arm[phase, motion]] = True
     return straight
@@ -86,7 +87,7 @@ def straight_intervals(problem: Problem, slices: int) -> Bool[np.ndarray, "slice
 
 def _lane_of(problems: Problem, lane: int) -> Problem:
     """Return what `straight_intervals` needs of one problem of a batch."""
-    names = ("straight_distance", "straight_arm", "still_arm")
+    names = ("straight_distance", "straight_arm", "straight_kind", "still_arm")
     return problems._replace(**{name: np.asarray(getattr(problems, name))[lane] for name in names})
 
 

@@ -25,6 +25,14 @@ from dvr_jax.errors import OptionError
 GRIP_ROOM = 5e-4
 """How much of the room beside a wide object is left to the tolerances of the solver, on either side [m]."""
 
+LIFT_MARGIN = 2e-3
+"""How much higher than `Clearances.lift` the planner carries objects, because between two slices a feasible path may
+fall short of a distance by as much [m]."""
+
+EDGE_MARGIN = 1e-3
+"""How much farther than `Clearances.region_edge` the planner keeps footprints from the edges of a region, because a
+feasible point may fall short of it by as much [m]."""
+
 LARGEST_FACTOR = 3.0
 """Largest factor by which a user can scale the clearances."""
 

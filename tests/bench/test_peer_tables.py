@@ -4,13 +4,13 @@ from typing import Any
 
 import pytest
 
-from dvr_jax.bench.peer_statistics import COMPARISONS
+from dvr_jax.bench.peer_statistics import COMPARISONS, compare_sides, describe_costs
 from dvr_jax.bench.peer_tables import FINER, print_tables
 
 
 def side(feasible: bool, seconds: float, passed: bool = False, **measure: float) -> dict[str, Any]:
     row = {"feasible": feasible, "seconds": seconds, "passed": passed}
-    return {**row, "our measure": {"ratio": 2.0, "ratio at slices": 2.0, **measure}}
+    return {**row, "cost": 1.0, "our measure": {"ratio": 2.0, "ratio at slices": 2.0, **measure}}
 
 
 def problem(ours: dict[str, Any], theirs: dict[str, Any], paths: dict[str, Any]) -> dict[str, Any]:
@@ -48,9 +48,28 @@ def test_medians_are_of_problems_on_which_both_agree(capsys: pytest.CaptureFixtu
         ["1", "of", "3"],
     ]
     assert cells[1][:2] == [["1", "1", "0", "0", "0"], ["10", "200", "20.0"]]
-    assert cells[1][3:] == [["1", "0", "of", "1"], ["0", "of", "1"], ["0", "of", "1"]]
+    assert cells[1][3:6] == [["1", "0", "of", "1"], ["0", "of", "1"], ["0", "of", "1"]]
     assert cells[2][1] == ["20", "200", "10.0"] and cells[2][4] == ["1", "of", "1"]
     assert cells[3][:2] == [["1", "0", "1", "0", "0"], ["-", "-", "-"]]
+
+
+def test_costs_are_compared_where_both_paths_pass_the_check() -> None:
+    pairs = [(1.0, 2.0, True), (2.02, 2.0, True), (3.0, 2.0, True), (9.0, 1.0, False)]
+    rows = [
+        problem(
+            side(True, 1.0),
+            side(True, 1.0),
+            {
+                "ours optimal": side(True, 1.0, passed=True) | {"cost": ours},
+                "robotic": side(True, 1.0, passed=passed) | {"cost": theirs},
+            },
+        )
+        for ours, theirs, passed in pairs
+    ]
+    sides = compare_sides(rows, "path", "ours optimal", "robotic")
+    assert sides.cost_ratios == (0.5, 1.01, 1.5)
+    assert describe_costs(sides.cost_ratios) == "2 of 3 (1.01)"
+    assert describe_costs(()) is None
 
 
 def test_the_title_of_finer_paths_names_how_fine_they_are() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dvr_jax.bench.peer_judging import judge_point
-from dvr_jax.bench.peers import PeersOptions, draw_sequence, run
+from dvr_jax.bench.peers import PeersOptions, draw_sequence, run, with_clearance
 from dvr_jax.bench.rai import build_keyframes, build_path, solve_peer, to_variables
 from dvr_jax.bench.rai_scene import build_peer_scene, gripper_frame, load_robotic, object_frame
 from dvr_jax.bench.recall import judge_prefix
@@ -21,6 +21,7 @@ from dvr_jax.scene.validation import make_scene
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import run_alone
 from dvr_jax.seeds.initial_paths import STEPS_PER_PHASE
+from dvr_jax.workcell.model import workcell_model
 
 try:
     load_robotic()
@@ -37,7 +38,8 @@ def scene() -> Scene:
     """A narrow box in front of the left arm, its goal beside it, and a box elsewhere."""
     near = SceneObject("near", "box", (0.05, 0.08, 0.10), (-0.30, 0.15), 0.4)
     far = SceneObject("far", "box", (0.06, 0.12, 0.08), (0.40, 0.30), -1.0)
-    return make_scene((near, far), OnRegion("near", Region((-0.30, -0.20), 0.3, (0.14, 0.14))))
+    goal = OnRegion("near", Region((-0.30, -0.20), 0.3, (0.14, 0.14)))
+    return with_clearance(make_scene((near, far), goal), 0.0)
 
 
 @with_robotic
@@ -47,7 +49,7 @@ def test_grippers_and_objects_are_where_mujoco_has_them(scene: Scene) -> None:
     home = np.array(scene.home).reshape(-1)
     for q in (home, home + np.random.default_rng(0).normal(size=14) * 0.3):
         data.qpos[:] = home_qpos(scene)
-        data.qpos[qpos_layout(2).arm_joints.reshape(-1)] = q
+        data.qpos[qpos_layout(scene).arm_joints.reshape(-1)] = q
         mujoco.mj_kinematics(model, data)
         peer.config.setJointState(q)
         expected = [data.site(f"{arm}/gripper") for arm in scene.workcell.arm_names]
@@ -72,12 +74,9 @@ def test_an_easy_problem_is_feasible_in_both(scene: Scene) -> None:
     peer = build_peer_scene(scene)
     keyframes = solve_peer(peer, build_keyframes(peer, EASY), seed=0)
     assert keyframes.feasible
-    assert (
-        judge_point(
-            transcribe(scene, EASY), to_variables(transcribe(scene, EASY), EASY, keyframes)
-        )["ratio"]
-        <= 1
-    )
+    problem = transcribe(scene, EASY)
+    model = workcell_model(scene.workcell)
+    assert judge_point(model, problem, to_variables(problem, EASY, keyframes))["ratio"] <= 1
     path = solve_peer(peer, build_path(peer, EASY, keyframes, STEPS_PER_PHASE), seed=0)
     assert path.feasible
     assert path.q.shape == (2 * STEPS_PER_PHASE, 14)

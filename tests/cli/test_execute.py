@@ -102,7 +102,7 @@ def test_refusals(tmp_path: Path, case: Case) -> None:
         execute.main([str(tmp_path)])
     save(tmp_path, case, case.motion)
     for options, message in (
-        (["--repeat", "0"], "--repeat is 0; valid is 1 or more."),
+        (["--repeat", "0"], "--repeat is 0; valid is 1 to 10,000,000."),
         (["--friction", "1.2", "0.6"], "the friction is 1.2 to 0.6; valid is the smaller number"),
         (["--friction", "-1", "1"], "the friction is -.*; valid is 0 to 10."),
         (["--object-noise", "200"], "the object noise is 0.2 m; valid is 0 to 0.1 m."),

@@ -104,7 +104,7 @@ def test_depth_picture_shows_every_mask_in_its_colour(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("count", [1, 8])
 def test_odd_names_and_many_objects(tmp_path: Path, count: int) -> None:
-    names = ["two\nlines \x01 \ud800 日本" + " long" * 60, *"abcdefg"][:count]
+    names = ["日本 ü" + " long" * 19, *"abcdefg"][:count]
     objects = [
         SceneObject(name, "cylinder", (0.03, 0.3), (0.1 * i - 0.4, 0.3), 0.0)
         for i, name in enumerate(names)
@@ -113,7 +113,7 @@ def test_odd_names_and_many_objects(tmp_path: Path, count: int) -> None:
     save_film(
         tmp_path / "film.png",
         scene,
-        [f"left grasps {names[0]} at its +x face"],
+        [f"left grasps {names[0]} at its +x face\n \x01 \ud800" + " long" * 60],
         swing(scene, 10, (5,)),
     )
     save_depth_picture(tmp_path / "depth.png", scene)

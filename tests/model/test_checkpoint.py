@@ -101,7 +101,7 @@ def rewrite(path: Path, change: dict[str, Any]) -> None:
         ({"config": {"hidden": 5, "channels": 3}}, "the metadata are incomplete"),
         (
             {"config": {"hidden": float("nan"), "channels": [5, 10, 10]}},
-            "network.npz: the network's hidden is nan; valid",
+            "this is no exported network \\(NaN is no JSON number\\)",
         ),
         (
             {"output/kernel": np.full((5, 1), np.nan)},
@@ -137,3 +137,89 @@ def test_what_is_no_network_is_refused(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     with pytest.raises(DvrError, match="there is no checkpoint"):
         load_parameters(tmp_path / "empty")
+
+
+def state_of(step: int) -> TrainingState:
+    adam = optax.scale_by_adam()
+    return TrainingState(
+        initial_parameters(CONFIG, step), adam.init(PARAMETERS.tree), step, seed=77
+    )
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    """A folder with checkpoints of the steps 5 and 9."""
+    folder = CheckpointFolder(tmp_path / "run")
+    for step in (5, 9):
+        folder.save(state_of(step), METADATA)
+    folder.close()
+    return tmp_path / "run"
+
+
+def files_of(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.rglob("*") if path.is_file())
+
+
+def test_any_file_of_a_checkpoint_may_be_damaged(run: Path) -> None:
+    """Cut short, changed or missing: the checkpoint before it counts."""
+    for path in files_of(run / "9"):
+        whole = path.read_bytes()
+        for damaged in (whole[:-2], bytes([whole[0] ^ 1]) + whole[1:], b"", None):
+            path.unlink()
+            if damaged is not None:
+                path.write_bytes(damaged)
+            parameters, metadata = load_parameters(run)
+            assert same(parameters, initial_parameters(CONFIG, 5)) and metadata == METADATA
+        path.write_bytes(whole)
+    assert same(load_parameters(run)[0], initial_parameters(CONFIG, 9))
+
+
+def test_a_damaged_checkpoint_is_set_aside_and_written_again(run: Path) -> None:
+    path = files_of(run / "9" / "parameters")[0]
+    path.write_bytes(path.read_bytes()[:-1])
+    folder = CheckpointFolder(run)
+    (sentence,) = folder.set_damaged_aside()
+    assert sentence.startswith(f"{run}, step 9: the file parameters/") and "9.damaged" in sentence
+    assert folder.restore(state_of(0), METADATA).step == 5
+    assert folder.set_damaged_aside() == []
+    folder.save(state_of(9), METADATA)
+    folder.close()
+    assert {"5", "9", "9.damaged"} == {item.name for item in run.iterdir()}
+    assert same(load_parameters(run)[0], initial_parameters(CONFIG, 9))
+
+
+def test_where_all_checkpoints_are_damaged_nothing_is_begun_anew(run: Path) -> None:
+    for step in ("5", "9"):
+        files_of(run / step / "rest")[0].unlink()
+    with pytest.raises(
+        DvrError, match=r"step 9: the file rest/.* and no other checkpoint is intact"
+    ):
+        CheckpointFolder(run).latest()
+
+
+def test_checkpoints_of_earlier_versions_have_no_checksums(run: Path) -> None:
+    for step in ("5", "9"):
+        (run / step / "checksums.json").unlink()
+        metadata = run / step / "header" / "metadata"
+        record = json.loads(metadata.read_text())
+        del record["sealed"]
+        metadata.write_text(json.dumps(record))
+    assert CheckpointFolder(run).restore(state_of(0), METADATA).step == 9
+
+
+def test_any_byte_of_an_export_may_be_changed(tmp_path: Path) -> None:
+    """What is accepted has the same parameters and metadata."""
+    path = tmp_path / "network.npz"
+    export_network(path, PARAMETERS, METADATA)
+    whole = path.read_bytes()
+    refused = 0
+    for place in range(0, len(whole), 37):
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 16]) + whole[place + 1 :])
+        try:
+            parameters, metadata = load_parameters(path)
+        except DvrError as error:
+            refused += 1
+            assert str(path) in str(error)
+        else:
+            assert same(parameters, PARAMETERS) and metadata == METADATA
+    assert refused > 50

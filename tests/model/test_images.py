@@ -140,3 +140,12 @@ def test_a_mirrored_scene_has_mirrored_images_and_symbols(in_x: bool, in_y: bool
             np.testing.assert_allclose(
                 others.normal[mirrored], signs * codes.normal[index], atol=1e-6
             )
+
+
+@pytest.mark.parametrize("factor", [1000.0, 0.001])
+def test_a_depth_image_in_another_unit_is_refused(factor: float) -> None:
+    (scene,) = sample_scenes(1, 2, 7)
+    image = render_depth(scene, 64, 64)
+    depth_images(scene, image, 64)
+    with pytest.raises(DvrError, match=r"the depth image has a median of .*; valid are meters"):
+        depth_images(scene, replace(image, depth=factor * image.depth), 64)

@@ -285,7 +285,7 @@ def test_held_out_scenes_are_not_those_that_are_trained_on(tmp_path: Path) -> No
         ),
         ("--cooldown 100001", "--cooldown is 100001; valid is 0 to 100000, the --steps."),
         ("--unknown 1.5", "--unknown is 1.5; valid is 0 to 1."),
-        ("--batch-scenes 0", "--batch-scenes is 0; valid is 1 or more."),
+        ("--batch-scenes 0", "--batch-scenes is 0; valid is 1 to 65,536."),
         ("--learning-rate 0", "--learning-rate is 0.0; valid is a positive number."),
         (
             "--image-size 2",
@@ -333,3 +333,31 @@ def test_what_is_no_history_is_refused(tmp_path: Path, line: str) -> None:
     path.write_text(line + '\n{"step": 2, "train/loss": 0.5}\n')
     with pytest.raises(DvrError, match=r"history\.jsonl, line 1: this is no record of a training"):
         read_history(path)
+
+
+@pytest.mark.parametrize("place", [0, 5, 12, 30, 45])
+def test_a_changed_record_is_noticed(tmp_path: Path, place: int) -> None:
+    with History(tmp_path, 0) as history:
+        for step in (10, 20):
+            history.add(step, "train", {"loss": 1 / step})
+    path = tmp_path / "history.jsonl"
+    whole = path.read_bytes()
+    path.write_bytes(whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :])
+    with pytest.raises(DvrError, match=r"history\.jsonl, line 1: this is no record"):
+        read_history(path)
+
+
+def test_training_goes_on_from_the_last_intact_checkpoint(tmp_path: Path) -> None:
+    options = replace(OPTIONS, out=tmp_path / "cut", steps=16)
+    data = prepare_training_data(options, EXAMPLES, None, quiet)
+    train(options, data, SMALL, quiet)
+    damaged = next((tmp_path / "cut" / "checkpoints" / "16" / "rest").rglob("manifest.ocdbt"))
+    damaged.write_bytes(damaged.read_bytes()[:-3])
+    said: list[str] = []
+    went_on = train(replace(options, steps=24), data, SMALL, said.append)
+    assert "step 16: the file rest/" in said[0] and said[1] == "continues at step 8"
+    whole = train(replace(options, out=tmp_path / "whole", steps=24), data, SMALL, quiet)
+    assert all(
+        np.array_equal(one, other)
+        for one, other in zip(jax.tree.leaves(went_on), jax.tree.leaves(whole), strict=True)
+    )

@@ -9,7 +9,7 @@ import pytest
 from nlp_cases import FACING, SCENE, grasp, place, stack
 
 from dvr_jax.nlp.blocks import CONSTRAINT_BLOCKS
-from dvr_jax.nlp.blocks.straight_motion import CORRIDOR
+from dvr_jax.nlp.blocks.straight_motion import CORRIDOR, LIFT_CORRIDOR
 from dvr_jax.nlp.evaluation import (
     TOLERANCES,
     Violations,
@@ -220,6 +220,18 @@ def test_both_sides_of_each_tolerance(good: Point, kind: str) -> None:
             assert float(value) == pytest.approx(expected, rel=1e-6, abs=1e-9)
         assert is_feasible(violations) is feasible
         assert float(relative_violation(violations)) == pytest.approx(factor, rel=1e-6)
+
+
+@pytest.mark.parametrize("factor", [0.99, 1.01])
+def test_a_held_object_is_lifted_in_a_wide_corridor(good: Point, factor: float) -> None:
+    """The first joint moves the object aside in the first slice after the grasp."""
+    q = good.x.q.copy()
+    aside = LIFT_CORRIDOR + factor * EXPECTED["corridor"]
+    q[STEPS, 0] += np.arcsin(aside / _radius(good))
+    violations = replace(good, x=good.x._replace(q=q)).violations()
+    assert float(violations["corridor"]) == pytest.approx(factor * EXPECTED["corridor"], rel=1e-4)
+    assert float(violations["sideways"]) < 2e-9 and float(violations["turn"]) < 2e-9
+    assert is_feasible(violations) is (factor < 1)
 
 
 @pytest.mark.parametrize("kind", EXPECTED)

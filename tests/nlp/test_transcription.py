@@ -10,6 +10,7 @@ from nlp_cases import FIXED, SCENE, SIDE_BY_SIDE, SINGLE_ARM, grasp, place
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import Action
 from dvr_jax.modes.mode import ModeKind
+from dvr_jax.nlp.blocks.straight_motion import StraightKind
 from dvr_jax.nlp.problem import Problem
 from dvr_jax.nlp.transcription import KEYFRAME_REGULARIZATION, transcribe, transcribe_switch
 from dvr_jax.operators import OPERATORS, refute
@@ -106,7 +107,7 @@ def test_faces_and_bounds(handover: Problem) -> None:
 
 def test_supports(handover: Problem) -> None:
     """Of a region 4 mm are left free at its edges, of the table nothing."""
-    np.testing.assert_allclose(handover.support[2], [0.3, -0.25, 0.4, 0.106, 0.096])
+    np.testing.assert_allclose(handover.support[2], [0.3, -0.25, 0.4, 0.105, 0.095])
     np.testing.assert_allclose(handover.support[4], [0, 0, 0, *SCENE.workcell.table.half_extents])
 
 
@@ -270,3 +271,28 @@ def test_only_what_does_not_fit_on_the_region_is_refuted_to_be_placed_there() ->
 def test_grip_width_of_a_box(face: str, width: float) -> None:
     item = SCENE.objects[0]
     assert item.kind.grip_width(item.size, face) == width
+
+
+def test_straight_motions(handover: Problem) -> None:
+    """Hands come to grasps and leave what they release along their approach; objects are lifted and lowered."""
+    clearances = SCENE.workcell.clearances
+    approach = (StraightKind.APPROACH, clearances.approach)
+    vertical = (StraightKind.VERTICAL, clearances.lift)
+    left, right = 0, 1
+    expected = [
+        # Left comes to yellow. Left lifts it and right comes to it. Left leaves it and right lowers it.
+        [None, (left, *approach)],
+        [(left, *vertical), (right, *approach)],
+        [(left, *approach), (right, *vertical)],
+        # Right leaves yellow and left comes to the can. Left lifts the can and lowers it.
+        [(right, *approach), (left, *approach)],
+        [(left, *vertical), (left, *vertical)],
+    ]
+    for phase, motions in enumerate(expected):
+        for motion, wanted in enumerate(motions):
+            found = (
+                handover.straight_arm[phase, motion],
+                handover.straight_kind[phase, motion],
+                handover.straight_distance[phase, motion],
+            )
+            assert found == wanted if wanted else found[2] == 0

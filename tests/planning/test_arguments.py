@@ -40,12 +40,19 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     ),
     "half an action": (
         lambda: dvr.plan(SCENE, k_max=2.5),
-        "k_max is 2.5; valid is a whole number from 1.",
+        "k_max is 2.5; valid is a whole number from 1 to 50.",
     ),  # type: ignore[arg-type]
-    "no action": (lambda: dvr.plan(SCENE, k_max=0), "k_max is 0; valid is a whole number from 1."),
+    "too many actions": (
+        lambda: dvr.plan(SCENE, k_max=10**12),
+        "k_max is 1000000000000; valid is a whole number from 1 to 50.",
+    ),
+    "no action": (
+        lambda: dvr.plan(SCENE, k_max=0),
+        "k_max is 0; valid is a whole number from 1 to 50.",
+    ),
     "a truth value": (
         lambda: dvr.plan(SCENE, k_max=True),
-        "k_max is True; valid is a whole number from 1.",
+        "k_max is True; valid is a whole number from 1 to 50.",
     ),
     "a text as seed": (
         lambda: dvr.plan(SCENE, seed="a"),  # type: ignore[arg-type]

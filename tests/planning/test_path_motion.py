@@ -1,11 +1,13 @@
 """Motions of planned scenes at 1 kHz, by MuJoCo: limits, rest at switches, straight approaches, the last retreat."""
 
 from dataclasses import dataclass
+from itertools import product
 
 import mujoco
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from dvr_jax import sample_scenes
 from dvr_jax.motion.dynamics import arm_dynamics
@@ -142,3 +144,37 @@ def test_the_last_hand_retreats(solved: Solved) -> None:
     aside = np.linalg.norm(offset + along[:, None] * axis[0], axis=1)
     assert 0.01 <= along[-1] < 0.051
     assert aside.max() < SIDEWAYS
+
+
+def test_objects_do_not_jump_at_switches(solved: Solved) -> None:
+    """In the samples of the plan, between which all arms rest."""
+    motion = solved.plan.motion
+    assert motion is not None
+    for columns in qpos_layout(solved.plan.scene).objects:
+        before = motion.qpos[np.asarray(motion.switch) - 1][:, columns]
+        after = motion.qpos[motion.switch][:, columns]
+        np.testing.assert_allclose(after, before, rtol=0, atol=1e-6)
+
+
+def test_objects_are_lifted_and_lowered_near_where_they_stand(solved: Solved) -> None:
+    """All corners of a box are a centimeter high on its way, farther than 5 cm from where it was and will be."""
+    scene = solved.plan.scene
+    motion = solved.plan.motion
+    assert motion is not None
+    starts = [0, *np.asarray(motion.switch).tolist()]
+    far_samples = 0
+    for index, action in enumerate(solved.plan.actions):
+        if action.operator != "place":
+            continue
+        item = scene.object_index(action.arguments[1])
+        poses = motion.qpos[starts[index] : starts[index + 1], qpos_layout(scene).objects[item]]
+        rotation = Rotation.from_quat(poses[:, 3:], scalar_first=True)
+        half = np.asarray(scene.objects[item].size) / 2
+        corners = [rotation.apply(half * signs) for signs in product((-1, 1), repeat=3)]
+        lowest = poses[:, 2] + np.min(corners, axis=0)[:, 2]
+        start_and_end = poses[[0, -1], :3]
+        apart = np.linalg.norm(poses[:, None, :3] - start_and_end, axis=2).min(axis=1)
+        far = apart > scene.workcell.clearances.approach
+        assert (lowest[far] >= scene.workcell.clearances.lift).all()
+        far_samples += int(far.sum())
+    assert far_samples

@@ -5,6 +5,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import MappingProxyType
 
@@ -14,7 +15,8 @@ import numpy as np
 import pytest
 
 import dvr_jax
-from dvr_jax.runtime.compilation import KEPT, Program
+from dvr_jax.runtime.compilation import Program
+from dvr_jax.runtime.program_files import KEPT
 
 CODE = """
 import sys
@@ -191,6 +193,49 @@ def test_switched_off_it_writes_nothing(tmp_path: Path) -> None:
 def test_a_folder_that_cannot_be_written_is_no_error(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     assert run(tmp_path / "file", tmp_path / "out.npy") == 1
+
+
+@pytest.mark.parametrize(
+    ("variable", "value"),
+    [
+        ("HOME", "/proc/1"),
+        ("HOME", ""),
+        ("XDG_CACHE_HOME", "/proc/1"),
+        ("DVR_JAX_CACHE", "/dev/null"),
+    ],
+)
+def test_without_a_place_for_the_cache_programs_are_compiled(
+    variable: str, value: str, tmp_path: Path
+) -> None:
+    environment = {"DVR_JAX_CACHE": "", variable: value}
+    assert [run("", tmp_path / "out.npy", environment=environment) for _ in range(2)] == [1, 1]
+
+
+def test_a_full_disk_is_no_error(tmp_path: Path) -> None:
+    full = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))"
+    assert run(tmp_path / "cache", tmp_path / "out.npy", between=full) == 1
+    assert list((tmp_path / "cache").glob("*/*")) == []
+
+
+def test_a_folder_of_others_is_not_read(kept: Path, tmp_path: Path) -> None:
+    kept.chmod(0o777)
+    assert run(kept, tmp_path / "out.npy") == 1
+    kept.chmod(0o755)
+    assert run(kept, tmp_path / "out.npy") == 0
+
+
+def test_a_changed_byte_is_compiled_anew(kept: Path, tmp_path: Path) -> None:
+    (path,) = kept.glob("*/*")
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-100] + bytes([whole[-100] ^ 1]) + whole[-99:])
+    assert [run(kept, tmp_path / "out.npy") for _ in range(2)] == [1, 0]
+
+
+def test_two_processes_may_fill_one_cache(tmp_path: Path) -> None:
+    with ThreadPoolExecutor(2) as pool:
+        outs = [tmp_path / "first.npy", tmp_path / "second.npy"]
+        assert all(traced <= 1 for traced in pool.map(lambda out: run(tmp_path / "c", out), outs))
+    assert run(tmp_path / "c", tmp_path / "third.npy") == 0
 
 
 def test_a_program_has_one_executable_for_each_precision() -> None:

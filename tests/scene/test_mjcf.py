@@ -39,7 +39,7 @@ from dvr_jax.workcell.workcell import (
 
 CAPSULE_NAMES = tuple(f"{name}_collision" for name in PANDA.capsules.names)
 ARM_NAMES = DEFAULT_WORKCELL.arm_names
-ODD_NAME = 'a/b "<&> \x01 ü 日本'
+ODD_NAME = 'a/b "<&> ü 日本'
 CAPSULES_OF_BODIES = {
     "base": 1,
     "link1": 1,

@@ -3,8 +3,10 @@
 import copy
 import json
 import math
+import os
 import pickle
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -270,11 +272,11 @@ def test_the_shipped_scene_is_valid() -> None:
         ),
         (
             changed("objects.0.yaw", 1e300),
-            "yaw of the object 'yellow' is .*at least -1000 and at most 1000 rad",
+            "yaw of the object 'yellow' is .*at least -6.28319 and at most 6.28319 rad",
         ),
         (
             changed("goal.region.yaw", -1e4),
-            "goal region's yaw is .*at least -1000 and at most 1000 rad",
+            "goal region's yaw is .*at least -6.28319 and at most 6.28319 rad",
         ),
         (
             json.dumps(RECORD) + "\n" + json.dumps(RECORD),
@@ -431,7 +433,7 @@ NAME_OF_101 = "n" * 101
             changed2("workcell.arms.1.position", [-0.4, 0.0]),
             "'west' and 'east' are 0.2 m apart; valid is at least 0.3",
         ),
-        (changed2("workcell.arms.1.yaw", 1e4), "the yaw of the east arm is .*at most 1000 rad"),
+        (changed2("workcell.arms.1.yaw", 1e4), "the yaw of the east arm is .*at most 6.28319 rad"),
         (
             changed2("workcell.arms.1.home", [0.0] * 6),
             "the east arm's home is .* 6 numbers; valid are 7",
@@ -476,7 +478,7 @@ NAME_OF_101 = "n" * 101
             "fixed body 'wall' begins 0.01 m below the table's top",
         ),
         (changed2("fixed.0.position.2", 1.9), "fixed body 'wall' reaches 2.05 m above the table"),
-        (changed2("fixed.0.yaw", 1e4), "yaw of the fixed body 'wall' is .*at most 1000 rad"),
+        (changed2("fixed.0.yaw", 1e4), "yaw of the fixed body 'wall' is .*at most 6.28319 rad"),
         (
             changed2("fixed.0.position", [0.3, -0.1, 0.15]),
             "'can' and the fixed body 'wall' overlap by",
@@ -590,3 +592,48 @@ def test_lists_in_a_scene_are_refused() -> None:
             SceneError, match=r"unhashable type: 'list'.*valid are tuples instead of lists"
         ):
             validate_scene(broken)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("n" * 101, "an object's name has 101 characters; valid are at most 100"),
+        ("\x1b[31m", r"an object's name is '\\x1b\[31m'; valid are printable characters only"),
+        ("a\u202eb", "valid are printable characters only"),
+        ("\ud800", "printable|not valid JSON"),
+    ],
+)
+def test_names_that_do_not_belong_on_a_screen(name: str, message: str) -> None:
+    with pytest.raises(SceneError, match=message) as refused:
+        scene_from_json(changed("objects.0.name", name))
+    assert str(refused.value).isprintable() and len(str(refused.value)) <= 1000
+
+
+def test_a_yaw_in_degrees_is_refused() -> None:
+    with pytest.raises(SceneError, match=r"the yaw of .* is \(90\); valid is at least -6.28319"):
+        scene_from_json(changed("objects.0.yaw", 90))
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"[" * 100_000,
+        b'{"version":1,"objects":' + b"[" * 50_000 + b"]" * 50_000 + b"}",
+        b'{"version":1,"x":' * 50_000,
+        b"\xff\xfe{\x00}\x00",
+        b"\x89PNG\r\n\x1a\n",
+        b'{"version": 1' + b"0" * 5000 + b"}",
+    ],
+)
+def test_hostile_files_are_refused_in_one_sentence(content: bytes, tmp_path: Path) -> None:
+    (tmp_path / "scene.json").write_bytes(content)
+    with pytest.raises(SceneError, match=r"scene\.json: ") as refused:
+        load_scene(tmp_path / "scene.json")
+    assert len(str(refused.value)) <= 1000
+
+
+def test_what_is_no_regular_file_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    for path in (tmp_path / "pipe", Path("/dev/zero")):
+        with pytest.raises(OSError, match="no regular file"):
+            load_scene(path)

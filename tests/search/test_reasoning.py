@@ -43,7 +43,7 @@ class Oracle(SequenceTree):
     def __init__(
         self, possible: Iterable[tuple[Action, ...]], solvable: Iterable[tuple[Action, ...]]
     ) -> None:
-        super().__init__(SCENE, K_MAX)
+        super().__init__(SCENE, K_MAX, is_relaxed=False)
         self.prefixes = {sequence[:k] for sequence in possible for k in range(len(sequence) + 1)}
         self.solvable = set(solvable)
 

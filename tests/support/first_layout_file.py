@@ -14,7 +14,7 @@ from dvr_jax.scene.files import scene_to_json
 
 
 def write_first_layout(path: Path, shard: Shard) -> None:
-    footer = msgspec.to_builtins(shard.info.footer) | {"schema": FIRST_SCHEMA}
+    footer = msgspec.to_builtins(shard.info.footer) | {"schema": FIRST_SCHEMA, "checksum": ""}
     rows = [
         {
             "scene": index,

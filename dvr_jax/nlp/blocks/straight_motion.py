@@ -1,21 +1,29 @@
-r"""Two blocks let a hand come to a grasp, and leave an object that it has released, straight along its approach axis.
+r"""Two blocks let a hand come to a grasp and leave an object straight, and lift and lower a held object nearly upright.
 
-A *straight motion* lies between two neighboring slices: the *near* one, at which the hand is at the object, and the
-*far* one, at which it is the distance d away. A phase of a path has two of them: the hand that released an object at
-the last switch leaves it in the first interval of the phase, and the hand that grasps an object at the next switch
-comes to it in the last interval but one, since the fingers move in the last one. Let (R_n, p_n) be the pose of the hand
-at the near slice, and (R, p) its pose at a point of the motion: at the far slice, or at a sample between the two.
+A *straight motion* lies between two neighboring slices: the *near* one, at which the hand is at the object or the
+object at its support, and the *far* one, at which it is the distance d away. A phase of a path has two of them, one in
+its first interval, which leaves the last switch, and one in its last interval but one, which comes to the next switch;
+the fingers move in the last interval. There are two kinds (`StraightKind`):
 
-- The block of the straight line has five equalities for the far slice: the components of ``p - p_n`` along the x and y
-  axes of the near hand [m], and ``2 e``, where (w, e) is the quaternion of ``R R_n^T``
+- *along the approach*: a hand comes to an object that it grasps, or leaves an object that it has released;
+- *vertical*: an arm lifts an object from its support, or lowers it to its support.
+
+Let (R_n, p_n) be the pose of the hand at the near slice, and (R, p) its pose at a point of the motion: at the far
+slice, or at a sample between the two. The axes x, y and z of a motion along the approach are those of the near hand,
+whose z axis points to the object. Those of a vertical motion are fixed in the world, and z points down.
+
+- The block of the straight line has five equalities for the far slice of a motion along the approach: the components of
+  ``p - p_n`` along x and y [m], and ``2 e``, where (w, e) is the quaternion of ``R R_n^T``
   (`dvr_jax.nlp.blocks.mode_switch`) [rad].
-- The block of the corridor has the inequality ``d + z_n . (p - p_n) <= 0`` [m] for the far slice, with the approach
-  axis z_n. For each sample between both slices it bounds the components along x and y by `CORRIDOR`, on either side.
+- The block of the corridor has the inequality ``d + z . (p - p_n) <= 0`` [m] for the far slice. It bounds the
+  components along x and y on either side: by `CORRIDOR` at the samples between both slices of a motion along the
+  approach, and by `LIFT_CORRIDOR` at the far slice and at these samples but the first of a vertical motion.
 
 A hand turns with the angular velocity omega of its joints, and the point at p that moves with it has the velocity v(p).
-For an axis a_n of the near hand,
+For an axis a_n of the near hand, and for a fixed axis a,
 
-    d(a_n . (p - p_n)) = a_n . v(p) - a_n . v_n(p),        d(2 e) = w (omega - omega_n) + (omega + omega_n) x e.
+    d(a_n . (p - p_n)) = a_n . v(p) - a_n . v_n(p),        d(a . (p - p_n)) = a . v(p) - a . v_n(p_n),
+    d(2 e) = w (omega - omega_n) + (omega + omega_n) x e.
 
 The joint angles at a sample of the fraction s are those of its interval's slices, weighted by s and 1 - s.
 """
@@ -23,6 +31,7 @@ The joint angles at a sample of the fraction s are those of its interval's slice
 from __future__ import annotations
 
 from collections.abc import Callable
+from enum import IntEnum
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -63,6 +72,9 @@ CORRIDOR = 1e-3
 """Largest distance from the straight line between both ends, along each of two axes [m]. Between two slices joints move
 on straight lines in joint space, and their hands nearly do so."""
 
+LIFT_CORRIDOR = 0.03
+"""Largest distance from the vertical line through the near end of a vertical motion, along each of two axes [m]."""
+
 CORRIDOR_TOLERANCE = 1e-3
 """By how much a feasible point may leave this corridor [m]."""
 
@@ -78,6 +90,19 @@ ROTATION_SCALE = 0.1
 MOTIONS = 2
 """Number of straight motions of a phase: one that leaves the last switch, and one that comes to the next one."""
 
+DOWNWARD_FRAME = np.diag([1.0, -1.0, -1.0])
+"""Axes of vertical motions in the world, one in each row; the last one points down."""
+
+
+class StraightKind(IntEnum):
+    """Along which axis a straight motion goes (`Problem.straight_kind`)."""
+
+    APPROACH = 0
+    """Along the approach axis of the hand."""
+
+    VERTICAL = 1
+    """Along the vertical axis of the world."""
+
 
 LINE_ROWS = np.array([0, 1, 3, 4, 5])
 """Components of an offset that the line keeps at zero: all but the one along the approach axis."""
@@ -91,7 +116,7 @@ class StraightMotions(NamedTuple):
     """
 
     offset: Float[Array, "batch phases 2 points 6"]
-    """Components of ``p - p_n`` along x, y and z of the near hand [m], and 2 e [rad]."""
+    """Components of ``p - p_n`` along the motion's axes x, y and z [m], and 2 e [rad]."""
 
     angle: Float[Array, "batch phases 2 points"]
     """Turn of the hand [rad]."""
@@ -169,19 +194,26 @@ def straight_motions(given: EvaluationInput) -> StraightMotions:
         """Take the arm that moves at samples: (..., A, B, T M) to (..., B, K, 2, M)."""
         return materialize((value[..., index] * own).sum(-5))
 
-    # Poses of the hand at the near slice and at the points.
+    # Poses of the hand at the near slice and at the points, and the axes of the motion.
     R_n = at(given.hands.rotation, samples.start)
     R_p = at(given.hands.rotation, samples.point)
+    p_n = at(given.hands.position, samples.start)
     p_p = at(given.hands.position, samples.point)
-    apart = materialize(p_p - at(given.hands.position, samples.start))
+    is_vertical = (jnp.asarray(given.problems.straight_kind) == StraightKind.VERTICAL)[..., None]
+    downward = jnp.asarray(DOWNWARD_FRAME, R_n.dtype).reshape(3, 3, 1, 1, 1, 1)
+    axes = materialize(jnp.where(is_vertical, downward, R_n))
+
+    apart = materialize(p_p - p_n)
     difference = materialize(compose(R_p, transpose(R_n)))
     w, e = materialize(half_rotation_vector(difference))
-    offset = jnp.concatenate([jnp.stack([dot(R_n[i], apart) for i in range(3)]), 2 * e])
+    offset = jnp.concatenate([jnp.stack([dot(axes[i], apart) for i in range(3)]), 2 * e])
 
-    # Derivatives by the joints (6, D, B, K, 2, M); those of other arms than the one that moves are zero.
+    # Derivatives by the joints (6, D, B, K, 2, M); those of other arms than the one that moves are zero. Axes of the
+    # hand turn with it, so that the point p itself seems to move; fixed axes do not.
     moves = jnp.repeat(own, D // A, axis=0)
-    by_start = -_offset_changes(given.screws[..., samples.start] * moves, R_n, p_p, w, -e)
-    by_point = _offset_changes(given.screws[..., samples.point] * moves, R_n, p_p, w, e)
+    pivot = jnp.where(is_vertical, p_n, p_p)
+    by_start = -_offset_changes(given.screws[..., samples.start] * moves, axes, pivot, w, -e)
+    by_point = _offset_changes(given.screws[..., samples.point] * moves, axes, p_p, w, e)
     by_start, by_point = materialize((by_start, by_point))
     share = samples.share
     return StraightMotions(
@@ -225,7 +257,8 @@ def _evaluate_line(given: EvaluationInput) -> Evaluation:
     if given.x.q.shape[1] == given.x.m.shape[1]:
         return _no_rows(given, len(LINE_ROWS), 2)
     motions = straight_motions(given)
-    is_motion = (jnp.asarray(given.problems.straight_distance) > 0)[..., None]
+    is_approach = jnp.asarray(given.problems.straight_kind) == StraightKind.APPROACH
+    is_motion = ((jnp.asarray(given.problems.straight_distance) > 0) & is_approach)[..., None]
     rows = jnp.where(is_motion, motions.offset[..., -1, LINE_ROWS], 0)
     jacobian = StraightJacobian(
         *(
@@ -253,10 +286,18 @@ def _evaluate_corridor(given: EvaluationInput) -> Evaluation:
     motions = straight_motions(given)
     distance = jnp.asarray(given.problems.straight_distance)[..., None]
     is_motion = distance > 0
+    is_vertical = jnp.asarray(given.problems.straight_kind) == StraightKind.VERTICAL
+    is_vertical = is_vertical[..., None, None]
 
-    # The distance of the far end, then for each sample between both ends the corridor's sides +x, +y, -x, -y.
-    aside = motions.offset[..., :-1, :2]
-    sides = jnp.concatenate([aside, -aside], axis=-1) - CORRIDOR
+    def bounded(value: Array) -> Array:
+        """Take the points whose sides are bounded: the far end stands in for the first one of a vertical motion."""
+        condition = is_vertical.reshape(is_vertical.shape + (1,) * (value.ndim - is_vertical.ndim))
+        return jnp.where(condition, value[:, :, :, 1:], value[:, :, :, :-1])
+
+    # The distance of the far end, then for each bounded point the corridor's sides +x, +y, -x, -y.
+    aside = bounded(motions.offset)[..., :2]
+    width = jnp.where(is_vertical, LIFT_CORRIDOR, CORRIDOR)
+    sides = jnp.concatenate([aside, -aside], axis=-1) - width
     rows = jnp.concatenate(
         [distance + motions.offset[..., -1, 2:3], sides.reshape(B, K, MOTIONS, number - 1)],
         axis=-1,
@@ -264,7 +305,7 @@ def _evaluate_corridor(given: EvaluationInput) -> Evaluation:
 
     def of_rows(value: Array) -> Array:
         """Derivatives of the rows: (B, K, 2, M, 6, D) to (B, K, 2, rows, D)."""
-        across = value[..., :-1, :2, :]
+        across = bounded(value)[..., :2, :]
         both = jnp.concatenate([across, -across], axis=-2)
         both = both.reshape(B, K, MOTIONS, number - 1, value.shape[-1])
         found = jnp.concatenate([value[..., -1, 2:3, :], both], axis=-2)
@@ -360,4 +401,4 @@ STRAIGHT_CORRIDOR = ConstraintBlock(
     evaluate=_evaluate_corridor,
     add_to_system=_add_to_system,
 )
-"""The block that makes these straight motions long enough, and keeps the hand near the line between both ends."""
+"""The block that makes straight motions long enough, and keeps the hand near the line between both ends."""
