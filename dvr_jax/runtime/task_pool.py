@@ -138,7 +138,14 @@ class _Pool:
             args=(os.getpid(), _core_of(slot), self.preparation, self.function, theirs),
             daemon=True,
         )
-        process.start()
+
+        # A new process inherits that Ctrl-C is blocked, until it comes to ignore it (`prepare_worker`). The other
+        # threads of this process take it meanwhile.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            process.start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
         theirs.close()
         return _Worker(process, ours)
 
