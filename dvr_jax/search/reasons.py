@@ -41,7 +41,7 @@ class ReasonKind(StrEnum):
     """An object extends beyond the region on which it is placed, by the amount [m]."""
 
     REACH = "reach"
-    """An arm misses the pose that an action demands, by the amount [m]."""
+    """An arm misses the pose that an action demands, by the amount [m]; negative if it is too near to the base."""
 
     COLLISION = "collision"
     """Two bodies come nearer to each other than their clearance allows, by the amount [m]."""
