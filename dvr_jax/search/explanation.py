@@ -15,6 +15,7 @@ from dvr_jax.search.reasons import (
     Reason,
     ReasonKind,
     evidence_reason,
+    obstruction_reason,
     outline,
     reach_reason,
     static_reason,
@@ -58,6 +59,9 @@ def explain_node(tree: SequenceTree, node: Node) -> Reason | None:
     if refuted.refuted_by == "symbolic":
         return static_reason(tree.scene, refuted.actions[-1], tree.operators)
 
+    blocker = tree.relaxation.obstruction(refuted.actions)
+    if blocker is not None:
+        return obstruction_reason(tree.scene, refuted.actions[-1], blocker, tree.operators)
     judged = refuted.source or refuted
     if judged.evidence is None:
         return _window_reason(tree, last_windows(refuted.actions, tree.operators))

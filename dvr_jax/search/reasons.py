@@ -24,6 +24,7 @@ from dvr_jax.nlp.transcription import walk
 from dvr_jax.operators import Operator, Parameter, describe, object_of, operator_of
 from dvr_jax.scene.types import Scene, SceneObject
 from dvr_jax.search.closest_bodies import deepest_contact
+from dvr_jax.search.obstruction import obstructions
 from dvr_jax.search.reach import base_distance, missing_reach
 from dvr_jax.solver.lane_pool import NlpSolution
 
@@ -152,6 +153,26 @@ def reach_reason(
         f"at least {centimeters(missing)} cm too far."
     )
     return Reason(ReasonKind.REACH, str(action), (f"{arm.name} arm", name), missing, sentence)
+
+
+def obstruction_reason(
+    scene: Scene, action: Action, blocker: str, operators: Sequence[Operator]
+) -> Reason:
+    """Return the reason that an object stands where another one has to be placed.
+
+    Args:
+        scene: A valid scene.
+        action: The action that places the object.
+        blocker: Name of the object that is in the way.
+        operators: The operators that are known.
+    """
+    name = object_of(action, operators)
+    overlap = obstructions(scene, name, action.arguments[-1])[blocker]
+    sentence = (
+        f"'{blocker}' stands on the target: wherever '{name}' is placed there, "
+        f"they overlap by at least {centimeters(overlap)} cm."
+    )
+    return Reason(ReasonKind.COLLISION, str(action), (name, blocker), overlap, sentence)
 
 
 NAMED_PART = 0.2

@@ -22,6 +22,7 @@ from dvr_jax.operators import Operator, Parameter, object_of, operator_of
 from dvr_jax.search.node import Node
 from dvr_jax.search.node_solver import NodeSolver
 from dvr_jax.search.object_graph import UNREACHED, Vertex
+from dvr_jax.search.obstruction import obstructions
 from dvr_jax.search.walks import Walks
 from dvr_jax.search.windows import Ignored, Window, WindowBound, last_windows
 from dvr_jax.search.work import Steps
@@ -66,6 +67,7 @@ class Relaxation:
         self.required: frozenset[str] = frozenset()
         """Names of the objects that have to be moved."""
 
+        self._obstructions: dict[str, dict[str, float]] = {}
         self._vertices: dict[tuple[Action, ...], Vertex | None] = {}
 
     @property
@@ -93,6 +95,9 @@ class Relaxation:
             return alone
 
         for other in sorted(self.walks.others(name)):
+            if other in self._obstructions_of(name):
+                self.blocking[other] = UNREACHED
+                continue
             worlds = (self.walks.others(name), self.walks.others(name, other))
             self.blocking[other] = yield from self.walks.shortest(name, worlds, limit)
         yield from self._judge_first_grasps(
@@ -148,6 +153,9 @@ class Relaxation:
         """Return False and refute the node if a window that it ends with is known to be infeasible."""
         if node.feasible is not None:
             return node.feasible
+        if self.obstruction(node.actions) is not None:
+            node.refute("pose", math.nan)
+            return False
         window = self.refuting_window(node.actions)
         if window is None:
             return True
@@ -156,6 +164,26 @@ class Relaxation:
         )
         node.refute("pose", math.nan if judged is None else judged.violation, judged)
         return False
+
+    def obstruction(self, actions: Sequence[Action]) -> str | None:
+        """Return the name of an object that stands where the last action places another one; None if there is none."""
+        last = actions[-1]
+        if last.arguments[-1] not in self.solver.scene.goal.supports():
+            return None
+        overlaps = self._obstructions_of(object_of(last, self._operators))
+        moved = {object_of(action, self._operators) for action in actions} if overlaps else set()
+        return next((other for other in sorted(overlaps) if other not in moved), None)
+
+    def _obstructions_of(self, name: str) -> dict[str, float]:
+        """Return the objects that exclude all placements of an object on the goal's regions, while they stand."""
+        if name not in self._obstructions:
+            scene = self.solver.scene
+            found = [obstructions(scene, name, support) for support in scene.goal.supports()]
+            common = set(found[0]).intersection(*found[1:]) if found else set()
+            self._obstructions[name] = {
+                other: min(each[other] for each in found) for other in common
+            }
+        return self._obstructions[name]
 
     def refuting_window(self, actions: Sequence[Action]) -> Window | None:
         """Return a window that a sequence ends with and that is known to be infeasible, or None."""
