@@ -175,15 +175,16 @@ def _resized(scene: Scene, reason: Reason) -> Scene:
         return replace(scene, goal=replace(scene.goal, region=region))
     name = reason.bodies[0]
     objects = tuple(
-        _narrower(item, reason.amount + SPARE) if item.name == name else item
+        _narrower(item, scene.workcell.robot.maximum_opening) if item.name == name else item
         for item in scene.objects
     )
     return replace(scene, objects=objects)
 
 
-def _narrower(item: SceneObject, amount: float) -> SceneObject:
-    """Return an object whose horizontal sizes are smaller by an amount [m]."""
+def _narrower(item: SceneObject, opening: float) -> SceneObject:
+    """Return an object whose horizontal sizes are a little smaller than the opening of a gripper [m]."""
+    least = opening - SPARE
     if item.shape == "cylinder":
-        return replace(item, size=(item.size[0] - amount / 2, item.size[1]))
+        return replace(item, size=(min(item.size[0], least / 2), item.size[1]))
     x, y, z = item.size
-    return replace(item, size=(x - amount, y - amount, z))
+    return replace(item, size=(min(x, least), min(y, least), z))

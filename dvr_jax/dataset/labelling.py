@@ -75,12 +75,10 @@ class Labelling(SearchSession):
         """
         return self.order.sample(leaves, len(leaves))
 
-    def judge_prefix_chains(
-        self, leaves: list[Node], relax_first: bool = False
-    ) -> Steps[list[Node]]:
+    def judge_prefix_chains(self, leaves: list[Node]) -> Steps[list[Node]]:
         """Judge leaves by the sequence bound, and count them."""
         self.judged += len(leaves)
-        return (yield from super().judge_prefix_chains(leaves, relax_first))
+        return (yield from super().judge_prefix_chains(leaves))
 
     def try_leaves(self, leaves: list[Node]) -> Steps[Outcome | None]:
         """Solve the paths of leaves in their order; there is an outcome once enough is known."""

@@ -83,7 +83,7 @@ class _PlanFile(msgspec.Struct, forbid_unknown_fields=True):
     check: CheckReport | None
     reason: _ReasonFile | None
     refuted: tuple[_RefutationFile, ...]
-    options: dict[str, str | int | float | None]
+    options: dict[str, bool | str | int | float | None]
     scene: msgspec.Raw
     versions: dict[str, str]
     """Versions of Python and of the packages that made the plan."""

@@ -95,6 +95,25 @@ class Program(Generic[_P, _R]):
 
         return compiled(*args)
 
+    def prepare(self, *args: Any) -> None:
+        """Load or compile the program for arguments of these shapes, without running it.
+
+        Args:
+            args: Trees of arrays, or of what `jax.eval_shape` returns.
+        """
+        leaves, tree = jax.tree.flatten(args)
+        key = (jax.config.read("jax_enable_x64"), tree, *map(_SHAPE_AND_TYPE, leaves))
+        if key not in self._compiled:
+            self._get_ready(key, args)
+
+    def shapes_of_result(self, *args: Any) -> Any:
+        """Return the shapes and types of what the program returns, for `prepare`.
+
+        Args:
+            args: Trees of arrays.
+        """
+        return jax.eval_shape(self._function, *args)
+
     def _get_ready(self, key: tuple[Any, ...], args: tuple[Any, ...]) -> Callable[..., _R]:
         """Return the executable of a key, which another thread may be compiling at the same time."""
         with _noted_as_waiting(self._function.__qualname__), self._locks[key]:

@@ -6,6 +6,7 @@ printed meanwhile.
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections import deque
@@ -135,6 +136,8 @@ class Progress:
         if self._ended.wait(PATIENCE):
             return
 
+        if sys.stderr is None:
+            return
         if sys.stderr.isatty():
             self._draw()
         else:
@@ -154,6 +157,7 @@ class Progress:
 
     def _draw(self) -> None:
         """Draw a bar, or a moving line if there is nothing to count, until the block ends."""
+<<<<<<< HEAD
         # Imported here, because it takes a tenth of a second that short commands need not wait for.
         from rich.console import Console
 
@@ -173,12 +177,13 @@ class Progress:
 
         with _bar(console) as bar:
             task = bar.add_task(self.activity, total=self.total, completed=self.done)
+=======
+        with _display(is_counted=self.total is not None) as display:
+            task = display.add_task(self.activity, total=self.total, completed=self.done)
+>>>>>>> main
             for _ in self._moments():
-                bar.update(
-                    task,
-                    completed=self.done,
-                    description=f"{self.activity} {self.detail()}".rstrip(),
-                )
+                line = f"{self.activity} {self.detail()}".rstrip()
+                display.update(task, completed=self.done, description=line)
 
     def _moments(self) -> Iterator[None]:
         """Yield every now and then, and once more after the block has ended."""
@@ -187,11 +192,25 @@ class Progress:
         yield
 
 
-def _bar(console: Any) -> Any:
-    """Return an empty display of bars."""
-    from rich import progress
+def _display(is_counted: bool) -> Any:
+    """Return rich's display on the terminal, which is empty."""
+    # Imported here, because it takes a tenth of a second that short commands need not wait for.
+    from rich import console, progress
 
+    columns: list[Any] = [progress.TextColumn("  {task.description}")]
+    if is_counted:
+        columns += [progress.BarColumn(), progress.MofNCompleteColumn()]
+    else:
+        columns.insert(0, progress.SpinnerColumn())
+    columns.append(progress.TimeElapsedColumn())
+    if is_counted:
+        columns += [progress.TextColumn("to go:"), progress.TimeRemainingColumn()]
+
+    # The streams of a command write control characters as numbers, so the display has a stream of its own. What is
+    # printed meanwhile appears above it, unless standard output goes elsewhere.
+    terminal = os.fdopen(os.dup(sys.stderr.fileno()), "w", encoding="utf-8")
     return progress.Progress(
+<<<<<<< HEAD
         progress.TextColumn("  {task.description}"),
         progress.BarColumn(),
         progress.MofNCompleteColumn(),
@@ -200,6 +219,11 @@ def _bar(console: Any) -> Any:
         progress.TimeRemainingColumn(),
         console=console,
         redirect_stdout=_is_shown_here(),
+=======
+        *columns,
+        console=console.Console(file=terminal),
+        redirect_stdout=sys.stdout is not None and sys.stdout.isatty(),
+>>>>>>> main
     )
 
 

@@ -51,7 +51,9 @@ def run_tasks_on_ray(
 
 def _stream(function: Callable[[Any], Iterable[Any]], task: Any) -> Iterator[Any]:
     """Yield the results of one task; a machine of the cluster runs this."""
-    yield from function(task)
+    # Ray sends values into the generator, which `yield from` would pass on to iterators that take none.
+    for item in function(task):  # noqa: UP028
+        yield item
 
 
 def _next_event(ray: Any, stream: Any, task: int) -> TaskEvent:

@@ -149,7 +149,10 @@ def _shifts(
     start = scene.goal.region.position if is_place else item.position
     shown = "the target" if is_place else f"'{item.name}'"
     doing = describe(last, operators)
-    for shift, (sign, words) in product(SHIFTS, ((-1, "too far from"), (1, "too near to"))):
+    # An arm that certainly falls short may need a longer shift than an arm that may reach.
+    is_short = symptom.kind == ReasonKind.REACH and symptom.amount > SHIFTS[0]
+    lengths = sorted({*SHIFTS, *(symptom.amount + length for length in SHIFTS if is_short)})
+    for shift, (sign, words) in product(lengths, ((-1, "too far from"), (1, "too near to"))):
         position = shifted(start, arm.position, sign * shift)
         changed = (
             replace(

@@ -15,6 +15,7 @@ from dvr_jax.search.reasons import (
     Reason,
     ReasonKind,
     evidence_reason,
+    obstruction_reason,
     outline,
     reach_reason,
     static_reason,
@@ -58,6 +59,9 @@ def explain_node(tree: SequenceTree, node: Node) -> Reason | None:
     if refuted.refuted_by == "symbolic":
         return static_reason(tree.scene, refuted.actions[-1], tree.operators)
 
+    blocker = tree.relaxation.obstruction(refuted.actions)
+    if blocker is not None:
+        return obstruction_reason(tree.scene, refuted.actions[-1], blocker, tree.operators)
     judged = refuted.source or refuted
     if judged.evidence is None:
         return _window_reason(tree, last_windows(refuted.actions, tree.operators))
@@ -141,7 +145,7 @@ def _actions_reason(tree: SequenceTree, needed: int) -> Reason:
 
 def _object_reason(tree: SequenceTree, name: str) -> Reason | None:
     """Return why an object cannot get to the goal even if it is alone in the world."""
-    graph = tree.relaxation.graph(name)
+    graph = tree.relaxation.walks.graph(name)
     impossible = _static_reason_of_all(tree, name, ModeKind.PLACED)
     if impossible is not None:
         return impossible
@@ -150,7 +154,7 @@ def _object_reason(tree: SequenceTree, name: str) -> Reason | None:
         return first
 
     # No way into the goal is open, or no way leads from the first grasps to these.
-    is_open = tree.relaxation.is_open(name)
+    is_open = tree.relaxation.walks.is_open(name)
     last = [edge for goal in graph.goals for edge in graph.edges_to[goal]]
     if not any(map(is_open, last)):
         return _join(
@@ -170,9 +174,9 @@ def _first_reason(tree: SequenceTree, name: str) -> Reason | None:
     impossible = _static_reason_of_all(tree, name, ModeKind.HELD)
     if impossible is not None:
         return impossible
-    graph = tree.relaxation.graph(name)
+    graph = tree.relaxation.walks.graph(name)
     first = graph.edges_from[graph.root]
-    if any(map(tree.relaxation.is_open(name), first)):
+    if any(map(tree.relaxation.walks.is_open(name), first)):
         return None
     return _join(
         tree, first, f"No arm reaches '{name}'", f"No arm can grasp '{name}' where it stands"
@@ -243,7 +247,7 @@ def _window_reason(tree: SequenceTree, windows: Iterable[Window | None]) -> Reas
         if window is None:
             continue
         name = object_of(_last(window), tree.operators)
-        others = tree.relaxation.others(name)
+        others = tree.relaxation.walks.others(name)
         if bound.verdict(window, others) is not False:
             continue
         node = bound.node(window, others)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
-from dvr_jax.logic import Action
+from dvr_jax.logic import Action, Grounding
 from dvr_jax.operators import Operator, ground_scene, is_duplicate
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.windows import Window
@@ -77,6 +77,19 @@ class ObjectGraph:
         self.edges_from: dict[Vertex, list[Edge]] = {}
         """Edges by the vertex before them, in order of their distance from the root."""
 
+        self._enumerate(grounding, allowed)
+        self.edges_to: dict[Vertex, list[Edge]] = {vertex: [] for vertex in self.edges_from}
+        """Edges by the vertex after them."""
+        for edge in self.edges:
+            self.edges_to[edge.after].append(edge)
+
+    def _enumerate(self, grounding: Grounding, allowed: dict[int, Action]) -> None:
+        """Add all vertices and the edges between them, in order of their distance from the root.
+
+        Args:
+            grounding: The actions on the object alone.
+            allowed: Those of them that are not impossible from the outset, by their numbers.
+        """
         frontier: list[Vertex] = [self.root]
         while frontier:
             vertex = frontier.pop(0)
@@ -92,10 +105,6 @@ class ObjectGraph:
                     edge = _edge(vertex, grounding.successor(state, index), allowed[index])
                     self.edges_from[vertex].append(edge)
                     frontier.append(edge.after)
-        self.edges_to: dict[Vertex, list[Edge]] = {vertex: [] for vertex in self.edges_from}
-        """Edges by the vertex after them."""
-        for edge in self.edges:
-            self.edges_to[edge.after].append(edge)
 
     @property
     def edges(self) -> Iterable[Edge]:

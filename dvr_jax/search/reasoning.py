@@ -151,6 +151,8 @@ def _guided(
     if tree.is_refuted_at_once() and not (yield from session.judge_scene()):
         return Outcome(PlanStatus.EXHAUSTED, seconds=session.seconds)
 
+    session.relaxes_first = True
+
     # The images of the initial scene are rendered and encoded once.
     with session.timed("image"):
         images = network.render(tree.scene)
@@ -242,7 +244,7 @@ def _try(session: SearchSession, leaves: list[Node]) -> Steps[Outcome | None]:
     if len(leaves) > 1:
         passed = yield from session.judge_leaves(leaves)
     else:
-        passed = yield from session.judge_prefix_chains(leaves, relax_first=True)
+        passed = yield from session.judge_prefix_chains(leaves)
     for leaf in passed:
         outcome = yield from session.try_leaves([leaf])
         if outcome is not None:

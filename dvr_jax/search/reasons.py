@@ -13,26 +13,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-import jax
 import numpy as np
-from jaxtyping import Float
 
 from dvr_jax.geometry.footprint import Circle, Rectangle, fits
 from dvr_jax.logic import Action
 from dvr_jax.modes.mode import ModeKind
-from dvr_jax.nlp.collision_rows import capsule_pairs, object_pairs, table_capsules
 from dvr_jax.nlp.evaluation import TOLERANCES
-from dvr_jax.nlp.problem import Problem, Variables
+from dvr_jax.nlp.problem import Problem
 from dvr_jax.nlp.transcription import walk
 from dvr_jax.operators import Operator, Parameter, describe, object_of, operator_of
 from dvr_jax.scene.types import Scene, SceneObject
+from dvr_jax.search.closest_bodies import deepest_contact
+from dvr_jax.search.obstruction import obstructions
 from dvr_jax.search.reach import base_distance, missing_reach
-from dvr_jax.solver.iteration import lay_out_chunks, measure_chunk
-from dvr_jax.solver.lane_pool import NlpSolution, stack
-from dvr_jax.workcell.model import workcell_model
-
-TABLE = "table"
-"""Name of the table in reasons."""
+from dvr_jax.solver.lane_pool import NlpSolution
 
 
 class ReasonKind(StrEnum):
@@ -48,7 +42,7 @@ class ReasonKind(StrEnum):
     """An object extends beyond the region on which it is placed, by the amount [m]."""
 
     REACH = "reach"
-    """An arm misses the pose that an action demands, by the amount [m]."""
+    """An arm misses the pose that an action demands, by the amount [m]; negative if it is too near to the base."""
 
     COLLISION = "collision"
     """Two bodies come nearer to each other than their clearance allows, by the amount [m]."""
@@ -161,6 +155,26 @@ def reach_reason(
     return Reason(ReasonKind.REACH, str(action), (f"{arm.name} arm", name), missing, sentence)
 
 
+def obstruction_reason(
+    scene: Scene, action: Action, blocker: str, operators: Sequence[Operator]
+) -> Reason:
+    """Return the reason that an object stands where another one has to be placed.
+
+    Args:
+        scene: A valid scene.
+        action: The action that places the object.
+        blocker: Name of the object that is in the way.
+        operators: The operators that are known.
+    """
+    name = object_of(action, operators)
+    overlap = obstructions(scene, name, action.arguments[-1])[blocker]
+    sentence = (
+        f"'{blocker}' stands on the target: wherever '{name}' is placed there, "
+        f"they overlap by at least {centimeters(overlap)} cm."
+    )
+    return Reason(ReasonKind.COLLISION, str(action), (name, blocker), overlap, sentence)
+
+
 NAMED_PART = 0.2
 """Bodies are named if their penetration is at least this part of the distance by which a pose is missed."""
 
@@ -240,59 +254,6 @@ def _joint_reason(
     doing = describe(action, operators)
     sentence = f"When {doing}, {name} turns {angle:.1f} degrees beyond its limit."
     return Reason(ReasonKind.JOINT, str(action), (name,), excess, sentence)
-
-
-def deepest_contact(
-    scene: Scene, problem: Problem, solution: NlpSolution
-) -> tuple[int, tuple[str, str], float]:
-    """Return the slice, the bodies and the depth of the deepest penetration of keyframes [m].
-
-    Args:
-        scene: A valid scene.
-        problem: The keyframe NLP.
-        solution: A point of it.
-    """
-    distance = keyframe_distances(scene, problem, solution)
-    index = int(np.argmin(distance))
-    slice_index, row = divmod(index, distance.shape[1])
-    first, second = _row_names(scene)[row]
-    return slice_index, (first, second), float(-distance[slice_index, row])
-
-
-def keyframe_distances(
-    scene: Scene, problem: Problem, solution: NlpSolution
-) -> Float[np.ndarray, "slices rows"]:
-    """Return the distances of all bodies less their clearances at each slice of keyframes [m]."""
-    with jax.enable_x64(True):
-        model = workcell_model(scene.workcell)
-        x = stack([Variables(solution.q, solution.m)])
-        chunks = lay_out_chunks(stack([problem]), x)
-        found = [np.asarray(measure_chunk(model, chunk).distance) for chunk in chunks]
-    return np.concatenate(found)[: len(solution.q)]
-
-
-def _row_names(scene: Scene) -> list[tuple[str, str]]:
-    """Return the names of the two bodies of each distance, in the order of `dvr_jax.nlp.collision_rows`."""
-    structure = workcell_model(scene.workcell).structure
-    capsules = [
-        f"{arm.name} {_part(name)}"
-        for arm in scene.workcell.arms
-        for name in scene.workcell.robot.capsules.names
-    ]
-    bodies = [*scene.object_names, *(body.name for body in scene.fixed)]
-    first, second = capsule_pairs(structure)
-    names = [(capsules[i], capsules[j]) for i, j in zip(first, second, strict=True)]
-    names += [(capsules[i], TABLE) for i in table_capsules(structure)]
-    names += [(capsule, body) for body in bodies for capsule in capsules]
-    names += [(name, TABLE) for name in scene.object_names]
-    pairs = object_pairs(len(scene.objects), len(scene.fixed))
-    names += [(bodies[i], bodies[j]) for i, j in zip(*pairs, strict=True)]
-    return names
-
-
-def _part(capsule: str) -> str:
-    """Return the part of an arm that a capsule belongs to, in words."""
-    return "hand" if capsule.startswith(("hand", "finger")) else capsule.split("_")[0]
 
 
 def _worst_joint(scene: Scene, solution: NlpSolution) -> tuple[int, float]:

@@ -21,7 +21,9 @@ from dvr_jax.modes.mode import ModeKind
 from dvr_jax.operators import Operator, Parameter, object_of, operator_of
 from dvr_jax.search.node import Node
 from dvr_jax.search.node_solver import NodeSolver
-from dvr_jax.search.object_graph import UNREACHED, Edge, ObjectGraph, Vertex
+from dvr_jax.search.object_graph import UNREACHED, Vertex
+from dvr_jax.search.obstruction import obstructions
+from dvr_jax.search.walks import Walks
 from dvr_jax.search.windows import Ignored, Window, WindowBound, last_windows
 from dvr_jax.search.work import Steps
 
@@ -49,6 +51,7 @@ class Relaxation:
         """
         self.solver = solver
         self.windows = WindowBound(solver, root, seed)
+        self.walks = Walks(solver.scene, self.windows, tuple(solver.operators), is_possible)
         self.blocking: dict[str, int] = {}
         """Least number of actions on the goal's object while an object stands where the scene has it, by its name."""
 
@@ -59,31 +62,18 @@ class Relaxation:
         """Least number of actions of a solution, as far as it is known; `UNREACHED` if there is none."""
 
         self._operators: Sequence[Operator] = solver.operators
-        self._is_possible = is_possible
-        self._graphs: dict[str, ObjectGraph] = {}
         self._limit = -1
         self._remaining: dict[str | None, dict[Vertex, int]] = {}
         self.required: frozenset[str] = frozenset()
         """Names of the objects that have to be moved."""
 
+        self._obstructions: dict[str, dict[str, float]] = {}
         self._vertices: dict[tuple[Action, ...], Vertex | None] = {}
 
     @property
     def goal_object(self) -> str:
         """Name of the goal's object."""
         return self.solver.scene.goal.object
-
-    def graph(self, name: str) -> ObjectGraph:
-        """Return the graph of an object."""
-        if name not in self._graphs:
-            self._graphs[name] = ObjectGraph(
-                self.solver.scene, name, tuple(self._operators), self._is_possible
-            )
-        return self._graphs[name]
-
-    def others(self, *names: str) -> Ignored:
-        """Return the names of all objects but these."""
-        return frozenset(self.solver.scene.object_names) - set(names)
 
     def compute(self, limit: int) -> Steps[int]:
         """Compute the lower bound of the scene.
@@ -98,15 +88,18 @@ class Relaxation:
             return self.lower_bound
         self._limit = limit
         name = self.goal_object
-        alone = yield from self._shortest(name, (self.others(name),), limit)
+        alone = yield from self.walks.shortest(name, (self.walks.others(name),), limit)
         self.alone = alone
         self.lower_bound = alone
         if alone > limit:
             return alone
 
-        for other in sorted(self.others(name)):
-            worlds = (self.others(name), self.others(name, other))
-            self.blocking[other] = yield from self._shortest(name, worlds, limit)
+        for other in sorted(self.walks.others(name)):
+            if other in self._obstructions_of(name):
+                self.blocking[other] = UNREACHED
+                continue
+            worlds = (self.walks.others(name), self.walks.others(name, other))
+            self.blocking[other] = yield from self.walks.shortest(name, worlds, limit)
         yield from self._judge_first_grasps(
             [o for o, least in self.blocking.items() if least > alone]
         )
@@ -124,7 +117,7 @@ class Relaxation:
                 the longest that an object that stays demands.
         """
         moved = [other for other, least in self.blocking.items() if least > length]
-        root = self.graph(self.goal_object).root
+        root = self.walks.graph(self.goal_object).root
         return min(
             max(length, self._distances(arm).get(root, UNREACHED))
             + self._moving_cost_for(moved, arm)
@@ -150,7 +143,7 @@ class Relaxation:
                 if number < least:
                     continue
                 pair, _ = last_windows(node.actions, self._operators)
-                wanted.setdefault(self.others(name), []).append(pair)
+                wanted.setdefault(self.walks.others(name), []).append(pair)
         for ignored, windows in wanted.items():
             yield from self.windows.judge(windows, ignored)
         self._remaining.clear()
@@ -160,20 +153,46 @@ class Relaxation:
         """Return False and refute the node if a window that it ends with is known to be infeasible."""
         if node.feasible is not None:
             return node.feasible
+        if self.obstruction(node.actions) is not None:
+            node.refute("pose", math.nan)
+            return False
         window = self.refuting_window(node.actions)
         if window is None:
             return True
         judged = self.windows.node(
-            window, self.others(object_of(node.actions[-1], self._operators))
+            window, self.walks.others(object_of(node.actions[-1], self._operators))
         )
         node.refute("pose", math.nan if judged is None else judged.violation, judged)
         return False
+
+    def obstruction(self, actions: Sequence[Action]) -> str | None:
+        """Return the name of an object that stands where the last action places another one; None if there is none."""
+        last = actions[-1]
+        if last.arguments[-1] not in self.solver.scene.goal.supports():
+            return None
+        overlaps = self._obstructions_of(object_of(last, self._operators))
+        moved = {object_of(action, self._operators) for action in actions} if overlaps else set()
+        return next((other for other in sorted(overlaps) if other not in moved), None)
+
+    def _obstructions_of(self, name: str) -> dict[str, float]:
+        """Return the objects that exclude all placements of an object on the goal's regions, while they stand."""
+        if name not in self._obstructions:
+            scene = self.solver.scene
+            found = [obstructions(scene, name, support) for support in scene.goal.supports()]
+            common = set(found[0]).intersection(*found[1:]) if found else set()
+            self._obstructions[name] = {
+                other: min(each[other] for each in found) for other in common
+            }
+        return self._obstructions[name]
 
     def refuting_window(self, actions: Sequence[Action]) -> Window | None:
         """Return a window that a sequence ends with and that is known to be infeasible, or None."""
         name = object_of(actions[-1], self._operators)
         for window in last_windows(actions, self._operators):
-            if window is not None and self.windows.verdict(window, self.others(name)) is False:
+            if (
+                window is not None
+                and self.windows.verdict(window, self.walks.others(name)) is False
+            ):
                 return window
         return None
 
@@ -192,7 +211,7 @@ class Relaxation:
             if name == self.goal_object
         )
         if chain not in self._vertices:
-            self._vertices[chain] = self.graph(self.goal_object).vertex_after(chain)
+            self._vertices[chain] = self.walks.graph(self.goal_object).vertex_after(chain)
         vertex = self._vertices[chain]
         if vertex is None:
             return UNREACHED
@@ -205,10 +224,6 @@ class Relaxation:
             for arm in self.solver.scene.workcell.arm_names
         )
 
-    def is_open(self, name: str) -> Callable[[Edge], bool]:
-        """Return a function that says whether no window of an edge is refuted in a world without other objects."""
-        return self._open_edges(name, (self.others(name),))
-
     def is_hopeless(self) -> bool:
         """Return whether no number of actions suffices, as far as windows are known."""
         return bool(self.immovable()) or self.least_without_limit() >= UNREACHED
@@ -219,99 +234,26 @@ class Relaxation:
 
     def least_without_limit(self) -> int:
         """Return the lower bound for any limit, from the verdicts that are known."""
-        graph = self.graph(self.goal_object)
-        distance = graph.distances_to_goal(self.is_open(self.goal_object))
+        graph = self.walks.graph(self.goal_object)
+        distance = graph.distances_to_goal(self.walks.is_open(self.goal_object))
         alone = distance.get(graph.root, UNREACHED)
         return min(max(alone, self.remaining(())), UNREACHED)
 
     def _distances(self, arm: str | None) -> dict[Vertex, int]:
         """Return the distances to the goal in the graph of the goal's object, for a given last arm."""
         if arm not in self._remaining:
-            is_open = self.is_open(self.goal_object)
-            self._remaining[arm] = self.graph(self.goal_object).distances_to_goal(is_open, arm)
-        return self._remaining[arm]
-
-    def _open_edges(self, name: str, worlds: Sequence[Ignored]) -> Callable[[Edge], bool]:
-        """Return a function that says whether no window of an edge is refuted in any of these worlds."""
-
-        def is_open(edge: Edge) -> bool:
-            return all(
-                self.windows.verdict(window, ignored) is not False
-                for window in edge.windows
-                for ignored in worlds
+            is_open = self.walks.is_open(self.goal_object)
+            self._remaining[arm] = self.walks.graph(self.goal_object).distances_to_goal(
+                is_open, arm
             )
-
-        return is_open
-
-    def _shortest(self, name: str, worlds: Sequence[Ignored], limit: int) -> Steps[int]:
-        """Return the length of a shortest walk to the goal whose windows are feasible in all these worlds.
-
-        Only windows on shortest walks are judged. The last world has most objects, and what is refuted in one of the
-        others, which have fewer objects, is refuted there too.
-
-        Args:
-            name: Name of the object.
-            worlds: Names of the objects that are left out, for each world.
-            limit: Length above which the exact value does not matter.
-
-        Returns:
-            The length; `UNREACHED` if it is above the limit.
-        """
-        graph = self.graph(name)
-        world = worlds[-1]
-        while True:
-            distance = graph.distances_to_goal(self._open_edges(name, worlds))
-            length = distance.get(graph.root, UNREACHED)
-            if length > limit:
-                return UNREACHED
-            unknown = self._unknown_windows(graph, distance, worlds)
-            if not unknown:
-                return length
-            yield from self.windows.judge(unknown, world)
-
-    def _unknown_windows(
-        self, graph: ObjectGraph, distance: dict[Vertex, int], worlds: Sequence[Ignored]
-    ) -> list[Window]:
-        """Return the windows to be judged next: the first unknown ones on the shortest walks.
-
-        Returns:
-            None if the windows of a shortest walk are all feasible. Those of two actions come before those of three.
-        """
-        is_open = self._open_edges(graph.name, worlds)
-        world = worlds[-1]
-        for part in (1, 2):
-            unknown: dict[Window, None] = {}
-            level = {graph.root}
-            while level and not level & graph.goals:
-                after = set()
-                for vertex in level:
-                    for edge in graph.edges_from[vertex]:
-                        closer = distance.get(edge.after, UNREACHED) == distance[vertex] - 1
-                        if not closer or not is_open(edge):
-                            continue
-                        first = next(
-                            (
-                                w
-                                for w in edge.windows[:part]
-                                if self.windows.verdict(w, world) is None
-                            ),
-                            None,
-                        )
-                        if first is None:
-                            after.add(edge.after)
-                        else:
-                            unknown[first] = None
-                level = after
-            if not level:
-                return list(unknown)
-        return []
+        return self._remaining[arm]
 
     def _judge_first_grasps(self, names: Sequence[str]) -> Steps[None]:
         """Judge the first actions on these objects."""
         for name in names:
-            graph = self.graph(name)
+            graph = self.walks.graph(name)
             first = [edge.windows[0] for edge in graph.edges_from[graph.root]]
-            yield from self.windows.judge(first, self.others(name))
+            yield from self.windows.judge(first, self.walks.others(name))
 
     def _moving_cost(self, names: Sequence[str]) -> int:
         """Return the least number of actions that move these objects, whichever arm carries out the last action."""
@@ -324,8 +266,8 @@ class Relaxation:
         cost = 0
         can_be_held = 0
         for name in names:
-            graph = self.graph(name)
-            is_open = self.is_open(name)
+            graph = self.walks.graph(name)
+            is_open = self.walks.is_open(name)
             first = [edge.action for edge in graph.edges_from[graph.root] if is_open(edge)]
             if not first:
                 return UNREACHED

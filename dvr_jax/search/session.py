@@ -71,6 +71,9 @@ class SearchSession:
         self.accept = accept
         self.progress = progress
         self.termination = termination
+        self.relaxes_first = False
+        """Whether nothing is judged twice if the relaxation shows that the scene has no solution."""
+
         stages = ("image", "network", "relaxation", "pose", "sequence", "path", "optimum")
         self.seconds = dict.fromkeys(stages, 0.0)
 
@@ -115,14 +118,8 @@ class SearchSession:
         left = [node for node, verdict in zip(nodes, verdicts, strict=True) if verdict]
         return (yield from self.judge_sequences(left))
 
-    def judge_prefix_chains(
-        self, leaves: list[Node], relax_first: bool = False
-    ) -> Steps[list[Node]]:
+    def judge_prefix_chains(self, leaves: list[Node]) -> Steps[list[Node]]:
         """Compute the sequence bound of all prefixes of leaves, the short ones first, and retry the refuted ones once.
-
-        Args:
-            leaves: The leaves.
-            relax_first: Whether nothing is retried if the relaxation shows that the scene has no solution.
 
         Returns:
             The leaves that pass.
@@ -136,7 +133,7 @@ class SearchSession:
                     node.feasible = False
             yield from self.judge_sequences([node for node in prefixes if node.feasible is None])
             refuted = [node for node in prefixes if node.deserves_second_look]
-            if relax_first and refuted and not (yield from self.judge_scene()):
+            if self.relaxes_first and refuted and not (yield from self.judge_scene()):
                 return []
             with self.timed("sequence"):
                 yield from self.tree.retry_refuted(refuted)

@@ -21,7 +21,7 @@ from dvr_jax.seeds.beam_batches import BeamTask, extend_beams
 from dvr_jax.seeds.initial_paths import initial_path, optimal_path_problem, path_problem
 from dvr_jax.seeds.keyframe_beam import beam_capacity, empty_beam
 from dvr_jax.solver.continuous_collision import sample_penetration
-from dvr_jax.solver.lane_pool import solve, stack
+from dvr_jax.solver.lane_pool import AnySettings, LanePool, NlpTask, stack
 from dvr_jax.solver.sequential import SequentialSettings
 from dvr_jax.solver.state import Settings, Termination
 from dvr_jax.workcell.model import WorkcellModel, workcell_model
@@ -43,7 +43,7 @@ class Programs:
         self.model: WorkcellModel = workcell_model(scene.workcell)
         self.k_max = k_max
         self.operators = operators
-        self.settings = Settings(iteration_limit=1)
+        self.settings = Settings()
         actions = covering_sequence(scene, k_max, operators)
         lengths = range(1, len(actions) + 1)
         self.problems: dict[int, Problem] = {
@@ -56,25 +56,29 @@ class Programs:
             )
         ]
 
-    def solve_keyframes(self, length: int) -> None:
-        """Do one iteration of a keyframe NLP."""
-        problem = self.problems[length]
-        solve(self.model, [problem], [self._home(length)], self.settings)
+    def keyframes(self, length: int) -> None:
+        """Compile the programs of a keyframe NLP."""
+        start = self._home(length)
+        self._pool(self.problems[length], start, self.settings).prepare()
 
-    def solve_path(self, length: int) -> None:
-        """Do one iteration of a path NLP, and look between its samples."""
+    def path(self, length: int) -> None:
+        """Compile the programs of a path NLP, and look between the samples of a path."""
         problem = self.problems[length]
         start = initial_path(self.model, problem, self._home(length))
         path = path_problem(problem, start)
+        self._pool(path, start, self.settings).prepare()
         sample_penetration(self.model, stack([path]), stack([start]))
-        solve(self.model, [path], [start], self.settings)
 
-    def optimize_path(self, length: int) -> None:
-        """Do one iteration of the optimization of a path."""
+    def optimum(self, length: int) -> None:
+        """Compile the programs of the optimization of a path."""
         problem = self.problems[length]
         start = initial_path(self.model, problem, self._home(length))
         path = optimal_path_problem(problem, start)
-        solve(self.model, [path], [start], SequentialSettings(iteration_limit=1))
+        self._pool(path, start, SequentialSettings()).prepare()
+
+    def _pool(self, problem: Problem, start: Variables, settings: AnySettings) -> LanePool:
+        """Return a pool for one NLP, which is not solved."""
+        return LanePool(self.model, [NlpTask(problem, start)], settings)
 
     def extend(self, lanes: int) -> None:
         """Extend a beam along the sequence, so many prefixes at a time."""
@@ -135,7 +139,7 @@ def warm_up(
     operators: Sequence[Operator] = OPERATORS,
     termination: Termination = Termination.OPTIMAL,
 ) -> None:
-    """Run every program once: one iteration of each NLP of 1 to `k_max` actions, one query of the network.
+    """Compile or load every program: those of the NLPs of 1 to `k_max` actions, of beams, and of the network.
 
     Args:
         scene: Any scene of the size that is wanted; what it asks for is not solved.
@@ -169,11 +173,11 @@ def all_jobs(
     lane_numbers = [sizes.beam_lanes, *([1] if sizes.few else [])]
 
     jobs: list[Job] = [] if network is None else [partial(query, programs, scene, network)]
-    jobs += [partial(programs.solve_keyframes, length) for length in lengths]
+    jobs += [partial(programs.keyframes, length) for length in lengths]
     jobs += [partial(programs.extend, lanes) for lanes in lane_numbers]
-    jobs += [partial(programs.solve_path, length) for length in lengths]
+    jobs += [partial(programs.path, length) for length in lengths]
     if termination == Termination.OPTIMAL:
-        jobs += [partial(programs.optimize_path, length) for length in lengths]
+        jobs += [partial(programs.optimum, length) for length in lengths]
     return jobs
 
 

@@ -190,6 +190,16 @@ class LanePool:
         )
         self._chunks = lay_out_chunks(self._on_device, self._states.x)
 
+    def prepare(self) -> None:
+        """Load or compile the programs of an iteration, the larger one first, without carrying one out."""
+        geometry = tuple(
+            measure_chunk.shapes_of_result(self._model, chunk) for chunk in self._chunks
+        )
+        self._method.step.prepare(
+            self._model, self._on_device, self._settings, self._states, geometry
+        )
+        measure_chunk.prepare(self._model, self._chunks[0])
+
     def run(self) -> list[NlpSolution]:
         """Iterate until every task has a solution, and return the solutions in the order of the tasks."""
         while len(self._solutions) < len(self._tasks):

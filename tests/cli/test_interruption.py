@@ -16,7 +16,7 @@ from synthetic import OPTIONS, synthetic
 from dvr_jax.dataset.shards import write_shard
 from dvr_jax.model.checkpoint import CheckpointFolder
 from dvr_jax.model.history import read_history
-from dvr_jax.scene.files import save_scene, save_scenes
+from dvr_jax.scene.files import OnRegion, Region, SceneObject, make_scene, save_scene, save_scenes
 from dvr_jax.scene.random_scenes import sample_scenes
 
 BUSY = """
@@ -230,8 +230,9 @@ def assert_one_line_after_progress(errors: str) -> None:
 @pytest.mark.slow
 def test_forty_moments_of_a_plan(tmp_path: Path) -> None:
     """The first moments are those of the imports, the last ones those of compiling."""
-    (scene,) = sample_scenes(1, 1, 3)
-    save_scene(tmp_path / "scene.json", scene)
+    cube = SceneObject("cube", "box", (0.05, 0.05, 0.05), (-0.35, 0.0), 0.0)
+    goal = OnRegion("cube", Region((-0.35, 0.3), 0.0, (0.12, 0.12)))
+    save_scene(tmp_path / "scene.json", make_scene([cube], goal))
     command = [sys.executable, "-m", "dvr_jax.plan", str(tmp_path / "scene.json"), "--out"]
     os.environ["DVR_JAX_CACHE"], kept = "off", os.environ["DVR_JAX_CACHE"]
     try:

@@ -63,6 +63,7 @@ def test_a_plan_and_its_files(
         "search": "dvr", "k_max": 2, "seed": 0, "network": load_network("dvr").checksum, "time_limit": 300.0,
         "clearance": 1.0,
         "termination": "optimal",
+        "shortest": False,
     }  # fmt: skip
     assert record["versions"]["dvr_jax"] == version("dvr_jax") and record["seconds"]["total"] > 0
     assert max(record["violations"].values()) <= 1e-2

@@ -23,6 +23,8 @@ from dvr_jax.planning.result import Plan
 from dvr_jax.scene.mjcf import home_qpos, qpos_layout
 from dvr_jax.scene.types import OnRegion, Region, Scene, SceneObject
 from dvr_jax.scene.validation import validate_scene
+from dvr_jax.search.explanation import Refutation
+from dvr_jax.search.reasons import Reason, ReasonKind
 from dvr_jax.search.status import PlanStatus
 
 SCENE = Scene(
@@ -89,6 +91,15 @@ def make_plan(
 SOLVED = make_plan({"a": (0.0, 0.0, 0.3), "b": (0.2, 0.4, -1.0)})
 UNSOLVED = replace(
     SOLVED,
+    options={**SOLVED.options, "shortest": True},
+    reason=Reason(ReasonKind.WIDTH, "", ("a",), 0.02, "'a' is 10 x 12 cm; the gripper opens 8 cm."),
+    refuted=(
+        Refutation(
+            (Action.parse("grasp(left, +x, a)"),),
+            "pose",
+            Reason(ReasonKind.SIZE, "grasp(left, +x, a)", ("a",), math.nan, "It is too small."),
+        ),
+    ),
     status=PlanStatus.TIME_LIMIT,
     actions=(),
     motion=None,

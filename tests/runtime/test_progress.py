@@ -13,13 +13,17 @@ from dvr_jax.runtime import progress
 from dvr_jax.runtime.progress import Progress
 
 CODE = """
-import time
+import sys, time
 from dvr_jax.runtime import progress
+from dvr_jax.runtime.streams import secure_streams
+secure_streams()
 progress.PATIENCE = 0.2
 with progress.Progress("planning", 4, "scenes") as bar:
     for _ in range(4):
         time.sleep(0.3)
         bar.advance()
+        print("result", flush=True)
+        print("remark", file=sys.stderr, flush=True)
 """
 
 
@@ -61,8 +65,15 @@ def test_a_computation_of_unknown_length_says_how_long_it_takes(
 def test_a_bar_on_a_terminal() -> None:
     ours, theirs = pty.openpty()
     environment = {**os.environ, "TERM": "xterm", "COLUMNS": "100"}
-    done = subprocess.Popen([sys.executable, "-c", CODE], stderr=theirs, env=environment)
-    assert done.wait(60) == 0
+    done = subprocess.Popen(
+        [sys.executable, "-c", CODE],
+        stdout=subprocess.PIPE,
+        stderr=theirs,
+        env=environment,
+        text=True,
+    )
+    # Results go where they belong, and remarks above the bar.
+    assert done.communicate(timeout=60)[0] == "result\n" * 4 and done.returncode == 0
     os.close(theirs)
     shown = b""
     while True:
@@ -73,3 +84,4 @@ def test_a_bar_on_a_terminal() -> None:
         shown += part
     text = shown.decode()
     assert "planning" in text and "4/4" in text and "━" in text
+    assert text.count("remark") == 4 and "\\x1b" not in text
