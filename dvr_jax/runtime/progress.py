@@ -16,7 +16,6 @@ from types import TracebackType
 from typing import Any, Self
 
 from dvr_jax.runtime.interruption import undone_at_interrupt
-from dvr_jax.runtime.streams import drawing_stream
 
 PATIENCE = 2.0
 """Time after which progress is shown for the first time [s]."""
@@ -157,30 +156,10 @@ class Progress:
 
     def _draw(self) -> None:
         """Draw a bar, or a moving line if there is nothing to count, until the block ends."""
-<<<<<<< HEAD
-        # Imported here, because it takes a tenth of a second that short commands need not wait for.
-        from rich.console import Console
-
-        console = Console(file=drawing_stream())
+        display = _display(is_counted=self.total is not None)
         # Whoever ends the process meanwhile has to show the cursor again, which the library hides.
-        with undone_at_interrupt(SHOW_CURSOR):
-            self._draw_on(console)
-
-    def _draw_on(self, console: Any) -> None:
-        """Draw on a terminal until the block ends."""
-        if self.total is None:
-            spinner, line = _moving_line(console, self.describe())
-            with line:
-                while not self._ended.wait(REDRAW):
-                    spinner.update(text=self.describe())
-            return
-
-        with _bar(console) as bar:
-            task = bar.add_task(self.activity, total=self.total, completed=self.done)
-=======
-        with _display(is_counted=self.total is not None) as display:
+        with undone_at_interrupt(SHOW_CURSOR), display:
             task = display.add_task(self.activity, total=self.total, completed=self.done)
->>>>>>> main
             for _ in self._moments():
                 line = f"{self.activity} {self.detail()}".rstrip()
                 display.update(task, completed=self.done, description=line)
@@ -210,42 +189,10 @@ def _display(is_counted: bool) -> Any:
     # printed meanwhile appears above it, unless standard output goes elsewhere.
     terminal = os.fdopen(os.dup(sys.stderr.fileno()), "w", encoding="utf-8")
     return progress.Progress(
-<<<<<<< HEAD
-        progress.TextColumn("  {task.description}"),
-        progress.BarColumn(),
-        progress.MofNCompleteColumn(),
-        progress.TimeElapsedColumn(),
-        progress.TextColumn("to go:"),
-        progress.TimeRemainingColumn(),
-        console=console,
-        redirect_stdout=_is_shown_here(),
-=======
         *columns,
         console=console.Console(file=terminal),
         redirect_stdout=sys.stdout is not None and sys.stdout.isatty(),
->>>>>>> main
     )
-
-
-def _moving_line(console: Any, text: str) -> tuple[Any, Any]:
-    """Return a spinner with a text, and the display of it."""
-    from rich.live import Live
-    from rich.spinner import Spinner
-
-    spinner = Spinner("dots", text=text)
-    line = Live(
-        spinner,
-        console=console,
-        refresh_per_second=1 / REDRAW,
-        transient=True,
-        redirect_stdout=_is_shown_here(),
-    )
-    return spinner, line
-
-
-def _is_shown_here() -> bool:
-    """Return whether standard output is a terminal too; into a file or a pipe it has to go as it is."""
-    return sys.stdout is not None and sys.stdout.isatty()
 
 
 def _duration(seconds: float) -> str:

@@ -9,7 +9,6 @@ import io
 import os
 import sys
 from contextlib import suppress
-from typing import Any
 
 STANDARD_OUTPUT = 1
 STANDARD_ERROR = 2
@@ -79,26 +78,6 @@ class _Stream(io.TextIOWrapper):
     def write(self, text: str) -> int:
         """Write a text."""
         return super().write(escape_controls(text))
-
-
-class _Drawing:
-    """What a drawing is written to: the stream itself, but control characters stay what they are."""
-
-    def __init__(self, stream: _Stream) -> None:
-        self._stream = stream
-
-    def write(self, text: str) -> int:
-        """Write a text with its control characters."""
-        return io.TextIOWrapper.write(self._stream, text)
-
-    def __getattr__(self, name: str) -> Any:
-        """Return what else a stream has."""
-        return getattr(self._stream, name)
-
-
-def drawing_stream() -> Any:
-    """Return standard error for a library that draws on the terminal with control characters."""
-    return _Drawing(sys.stderr) if isinstance(sys.stderr, _Stream) else sys.stderr
 
 
 def _stream(descriptor: int, present: object) -> _Stream:
