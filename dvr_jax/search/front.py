@@ -1,7 +1,8 @@
 """Best-first search of prefixes by the relaxation's bound on the number of actions.
 
 This is A* with the number of actions as the cost. Of the prefixes that may lead to a solution of the least number of
-actions, the longest one is expanded first, and all its children are judged in one batch. A prefix is expanded only if
+actions, the longest one is expanded first, and all its children are judged in one batch. Among equally long ones those
+come first that put nothing onto the region of the goal, where it would be in the way. A prefix is expanded only if
 its keyframes are feasible, so the search never completes a sequence whose beginning is impossible. It finds long
 solutions, for which there are too many sequences to complete each of them.
 """
@@ -27,7 +28,7 @@ class PrefixFront:
         """
         self._session = session
         self._count = count()
-        self._heap: list[tuple[int, int, float, int, Node]] = []
+        self._heap: list[tuple[int, int, int, float, int, Node]] = []
         self._push(session.tree.root)
 
     def __len__(self) -> int:
@@ -62,6 +63,10 @@ class PrefixFront:
 
     def _push(self, node: Node) -> None:
         """Add a prefix."""
-        least = node.depth + self._session.tree.relaxation.remaining(node.actions)
+        tree = self._session.tree
+        least = node.depth + tree.relaxation.remaining(node.actions)
+        regions = tree.scene.goal.supports()
+        on_regions = sum(action.arguments[-1] in regions for action in node.actions)
         violation = float(node.beam.violation.min()) if node.beam is not None else 0.0
-        heapq.heappush(self._heap, (least, -node.depth, violation, next(self._count), node))
+        key = (least, -node.depth, on_regions, violation, next(self._count))
+        heapq.heappush(self._heap, (*key, node))

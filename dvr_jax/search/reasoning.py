@@ -46,6 +46,11 @@ LARGEST_BATCH = 64
 """Largest number of leaves whose keyframes are judged in one batch."""
 
 
+EXPANSIONS = 4
+"""After each failure at least this number times the lower bound on the number of actions is the number of prefixes that
+the best-first search expands. It gets to a leaf in as many expansions as the bound if it never has to turn back."""
+
+
 @dataclass(slots=True, eq=False)
 class _Candidate:
     """A node with the network's prediction for it (not to be confused with the candidates of a keyframe beam)."""
@@ -204,7 +209,7 @@ def _advance(session: SearchSession, front: PrefixFront, width: int) -> Steps[Ou
         return Outcome(PlanStatus.EXHAUSTED, seconds=session.seconds)
     if not session.tree.is_relaxed:
         return None
-    expansions = max(width, 2 * session.tree.relaxation.lower_bound)
+    expansions = max(width, EXPANSIONS * session.tree.relaxation.lower_bound)
     return (yield from session.try_leaves((yield from front.advance(expansions))))
 
 

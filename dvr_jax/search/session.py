@@ -174,6 +174,8 @@ class SearchSession:
         Returns:
             Those that pass and whose paths have not been tried, the shortest first.
         """
+        if leaf.depth <= self.tree.relaxation.lower_bound:
+            return []
         shorter = [node for node in shorter_leaves(self.tree, leaf) if node.solved is None]
         passed = yield from self.judge_leaves(shorter)
         return sorted(passed, key=lambda node: node.depth)
