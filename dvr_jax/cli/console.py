@@ -10,7 +10,7 @@ from typing import NoReturn
 from dvr_jax import __version__
 from dvr_jax.cli.options import CONSOLE
 from dvr_jax.errors import OptionError, run_command
-from dvr_jax.runtime.interruption import end_on_interrupt, ignore_interrupts
+from dvr_jax.runtime.interruption import end_on_interrupt, end_workers, ignore_interrupts
 from dvr_jax.runtime.streams import open_closed_descriptors, secure_streams
 
 LONGEST_ARGUMENT = 1_000
@@ -25,15 +25,10 @@ class Command:
     """Module whose `main` carries the command out; it is imported when the command is called."""
     summary: str
     """One line for the list of commands."""
-    at_once: bool = False
-    """Whether the process ends without waiting for its other threads."""
 
 
 COMMANDS: dict[str, Command] = {
-    # What the warm-up of a plan still compiles when the plan is written, nobody waits for.
-    "plan": Command(
-        "dvr_jax.cli.plan", "plan one scene: from a scene file to a checked motion", at_once=True
-    ),
+    "plan": Command("dvr_jax.cli.plan", "plan one scene: from a scene file to a checked motion"),
     "check": Command("dvr_jax.cli.check", "check a plan's motion anew, also its jerks and torques"),
     "execute": Command("dvr_jax.cli.execute", "execute a plan in a physics simulation"),
     "export": Command("dvr_jax.cli.export", "write a plan's motion for robot controllers"),
@@ -102,8 +97,11 @@ def _run(name: str) -> NoReturn:
             return exit_code
         finally:
             ignore_interrupts()
+            end_workers()
 
-    run_command(main, at_once=command.at_once)
+    # Threads that still compile or load programs may abort a process that ends in the usual way, and nobody waits for
+    # what they make. All results are written by now.
+    run_command(main, at_once=True)
 
 
 def _require_short_arguments() -> None:

@@ -117,7 +117,7 @@ def _leave_to_the_thread(number: int, _: Any) -> None:
 def _end(number: int, _: Any = None) -> NoReturn:
     """Remove what is half done, and end this process."""
     with suppress(Exception):
-        _end_workers()
+        end_workers()
     remove_temporaries()
     _say_and_exit(number)
 
@@ -135,7 +135,7 @@ def _say_and_exit(number: int) -> NoReturn:
     os._exit(EXIT_OF_SIGNAL + number)
 
 
-def _end_workers() -> None:
+def end_workers() -> None:
     """End the worker processes, and give their semaphores back, which the standard library would else complain of."""
     multiprocessing = sys.modules.get("multiprocessing")
     util = sys.modules.get("multiprocessing.util")

@@ -58,7 +58,7 @@ with only_process(Path(sys.argv[1])):
     print("in", flush=True)
     time.sleep(1)
 """
-    path = tmp_path / "folder" / "lock"
+    path = tmp_path / "lock"
     other = subprocess.Popen(
         [sys.executable, "-c", code, str(path)], stdout=subprocess.PIPE, text=True
     )
