@@ -68,7 +68,7 @@ class _RefutationFile(msgspec.Struct, forbid_unknown_fields=True):
     reason: _ReasonFile
 
 
-class _PlanFile(msgspec.Struct, forbid_unknown_fields=True):
+class _PlanFile(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     """Content of plan.json; the fields mean what the fields of `Plan` mean."""
 
     status: PlanStatus
@@ -81,8 +81,8 @@ class _PlanFile(msgspec.Struct, forbid_unknown_fields=True):
     path: PathQuality | None
     violations: dict[str, float]
     check: CheckReport | None
-    reason: _ReasonFile | None
-    refuted: tuple[_RefutationFile, ...]
+    reason: _ReasonFile | None = None
+    refuted: tuple[_RefutationFile, ...] = ()
     options: dict[str, bool | str | int | float | None]
     scene: msgspec.Raw
     versions: dict[str, str]
