@@ -132,9 +132,14 @@ def compare_sides(
         cost_ratios=tuple(
             ours["cost"] / theirs["cost"]
             for ours, theirs in pairs
-            if ours and theirs and ours.get("passed") and theirs.get("passed")
+            if ours is not None and theirs is not None and _has_cost(ours) and _has_cost(theirs)
         ),
     )
+
+
+def _has_cost(side: Side) -> bool:
+    """Return whether a path passes the check and its cost is known; results of earlier versions have no costs."""
+    return bool(side.get("passed")) and "cost" in side
 
 
 def describe_costs(ratios: Sequence[float]) -> str | None:

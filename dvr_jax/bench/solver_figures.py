@@ -137,6 +137,9 @@ def peers(results: CommittedResults) -> str:
     for comparison in COMPARISONS:
         # A path is compared where at least one of the two has tried it.
         tried = [problem for problem in problems if problem[comparison.kind]]
+        if all(comparison.ours not in problem[comparison.kind] for problem in tried):
+            # Results of earlier versions have no optimal paths.
+            continue
         sides = compare_sides(tried, comparison.kind, comparison.ours, comparison.theirs)
         is_path = comparison.kind == "path"
         rows.append(
