@@ -110,9 +110,12 @@ class SequentialSettings(NamedTuple):
     funnel_shrinkage: float = 0.9
     """Factor by which the bound shrinks after each accepted point."""
 
-    violation_limit: float = 0.3
+    violation_limit: float = 0.8
     """Smallest value of the bound, and largest violation of an optimal point, unless the start violates the constraints
-    by more. An optimum uses up whatever violation is allowed."""
+    by more. A row with a large multiplier keeps a violation, the multiplier divided by `equality_penalty`."""
+
+    corrected_violation: float = 0.3
+    """Largest violation that is not corrected. An optimum uses up whatever violation is allowed."""
 
     sufficient_decrease: float = 0.1
     """Fraction of the predicted decrease that the cost has to decrease by."""
@@ -222,7 +225,7 @@ def judge(
     is_at_point = _largest(state.step) == 0
 
     # A violation is corrected as long as corrections make progress.
-    wanted = jnp.maximum(state.allowed, 0.5 * state.violation)
+    wanted = jnp.maximum(settings.corrected_violation, 0.5 * state.violation)
     progresses = violation <= settings.correction_progress * state.trial_violation
     corrects = (violation > jnp.minimum(state.funnel, wanted)) & progresses
     corrects &= violation <= settings.correction_limit
