@@ -13,7 +13,7 @@ of the curvature shrinks (`FACTORS`).
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -21,10 +21,17 @@ from jaxtyping import Float, Int
 
 from dvr_jax.geometry.arrays import Array
 from dvr_jax.modes.mode import PARAMETERS
+from dvr_jax.nlp.blocks import CONSTRAINT_BLOCKS, ConstraintKind, Horizon
 from dvr_jax.nlp.curvature import add_curvature
+from dvr_jax.nlp.evaluation import FlatResiduals, gauss_newton_system, row_scales, unflatten
+from dvr_jax.nlp.problem import Problem, Variables
 from dvr_jax.nlp.system import BorderedSystem, Curvature
 from dvr_jax.nlp.working_rows import RowDerivatives
 from dvr_jax.solver.banded import BorderedFactor, factorize_bordered
+from dvr_jax.solver.sequential import SequentialSettings
+
+EQUALITY_BLOCKS = [block for block in CONSTRAINT_BLOCKS if block.kind is ConstraintKind.EQUALITY]
+"""The constraint blocks whose rows are equalities."""
 
 FACTORS = (1.0, 0.25, 0.0625, 0.0)
 """Factors of the curvature, of which the first one that makes the matrix positive definite is taken."""
@@ -113,4 +120,35 @@ def _add_rows(
         coupling=system.coupling + q @ before.swapaxes(1, 2),
         border=system.border + q @ m.T,
         corner=system.corner + m @ m.T,
+    )
+
+
+def penalized_system(
+    problem: Problem,
+    x: Variables,
+    settings: SequentialSettings,
+    horizon: Horizon,
+    jacobians: dict[str, Any],
+    equalities: Array,
+) -> BorderedSystem:
+    """Return the system of cost and penalized equalities; with derivatives of another point it has only its gradient.
+
+    Args:
+        problem: The NLP.
+        x: The point at which the gradient of the cost is computed.
+        settings: Settings of the method.
+        horizon: Sizes of the NLP.
+        jacobians: Derivatives of the equalities.
+        equalities: Values of the equalities.
+    """
+    scales = row_scales(horizon, x.q.dtype)
+    penalty = settings.equality_penalty * scales.equality
+    nothing = FlatResiduals(jnp.zeros(()), equalities, jnp.zeros_like(scales.inequality))
+    return gauss_newton_system(
+        problem,
+        x,
+        jacobians,
+        unflatten(nothing._replace(equality=penalty * equalities), horizon),
+        unflatten(nothing._replace(equality=penalty), horizon),
+        blocks=EQUALITY_BLOCKS,
     )

@@ -5,9 +5,8 @@ rows (`dvr_jax.nlp.working_rows`),
 
     Y = L^-1 J^T,        S = Y^T Y + 1/p I,        b = Y^T L^-1 c - g,
 
-`solve_nonnegative` returns the multipliers y, and the step is ``d = -L^-T (L^-1 c + Y y)``. A correction at the trial
-point x + d uses the same L, Y and S. It minimizes the same function of the whole step d + e, so that c is the gradient
-of cost, curvature and damping at x + d plus ``p J_h^T h(x + d)``, and g are the values of the rows there.
+`solve_nonnegative` returns the multipliers y, and the step is ``d = -L^-T (L^-1 c + Y y)``. Steps and their corrections
+are computed in `dvr_jax.solver.path_step`.
 """
 
 from __future__ import annotations
@@ -23,20 +22,18 @@ from jaxtyping import Float
 from dvr_jax.geometry.arrays import Array
 from dvr_jax.geometry.vectors import materialize
 from dvr_jax.modes.mode import PARAMETERS
-from dvr_jax.nlp.blocks import CONSTRAINT_BLOCKS, ConstraintKind, Horizon
-from dvr_jax.nlp.curvature import constraint_curvature, times_curvature
+from dvr_jax.nlp.blocks import Horizon
+from dvr_jax.nlp.curvature import constraint_curvature
 from dvr_jax.nlp.evaluation import (
     FlatResiduals,
     evaluation_input,
-    gauss_newton_system,
     horizon_of,
     number_of_flat_rows,
     row_scales,
-    unflatten,
 )
-from dvr_jax.nlp.problem import Problem, Variables
+from dvr_jax.nlp.problem import Problem
 from dvr_jax.nlp.slices import SliceGeometry
-from dvr_jax.nlp.system import BorderedSystem, Curvature, empty_parts
+from dvr_jax.nlp.system import Curvature
 from dvr_jax.nlp.working_rows import (
     RowDerivatives,
     RowIndex,
@@ -44,23 +41,22 @@ from dvr_jax.nlp.working_rows import (
     put_rows,
     row_derivatives,
     take_multipliers,
-    take_rows,
     working_rows_of,
 )
 from dvr_jax.solver.banded import (
     BorderedFactor,
     ReducedSides,
     reduce_sides,
-    solve_reduced,
 )
 from dvr_jax.solver.iteration import join_chunks
-from dvr_jax.solver.path_matrix import factorize_convexified, row_weights
-from dvr_jax.solver.quadratic_program import solve_nonnegative
+from dvr_jax.solver.path_matrix import (
+    EQUALITY_BLOCKS,
+    factorize_convexified,
+    penalized_system,
+    row_weights,
+)
 from dvr_jax.solver.sequential import LaneState, SequentialSettings
 from dvr_jax.workcell.model import WorkcellModel
-
-EQUALITY_BLOCKS = [block for block in CONSTRAINT_BLOCKS if block.kind is ConstraintKind.EQUALITY]
-"""The constraint blocks whose rows are equalities."""
 
 ALWAYS = 10.0
 """Score of a row that had a multiplier in the last quadratic program [m or rad]; it stays a working row."""
@@ -98,19 +94,6 @@ class QuadraticProgram(NamedTuple):
 
     refused: FlatResiduals
     """Values of all inequalities at the trial point that was refused last, since the lane moved; -infinite if none."""
-
-
-class DualSolution(NamedTuple):
-    """Solution of a lane's quadratic program."""
-
-    step: Variables
-    """Step from the lane's point."""
-
-    multipliers: Float[Array, " rows"]
-    """Multipliers of the working rows."""
-
-    equality_multipliers: Float[Array, " equalities"]
-    """Multipliers of the equalities."""
 
 
 def empty_program(horizon: Horizon, zeros: Callable[..., np.ndarray]) -> QuadraticProgram:
@@ -235,7 +218,7 @@ def linearize(
         multipliers: FlatResiduals,
     ) -> QuadraticProgram:
         """Factorize the matrix of one lane, and do the forward sweep for the derivatives of its working rows."""
-        system = _system(problem, state.x, settings, horizon, jacobians, rows.equality)
+        system = penalized_system(problem, state.x, settings, horizon, jacobians, rows.equality)
         known = take_multipliers(multipliers, index)
         weights = row_weights(known, horizon.phases)
         factor, share = materialize(
@@ -261,119 +244,3 @@ def linearize(
             problems, states, of_equalities, index, derivatives, curvatures, rows, multipliers
         )
     )
-
-
-def _system(
-    problem: Problem,
-    x: Variables,
-    settings: SequentialSettings,
-    horizon: Horizon,
-    jacobians: dict[str, Any],
-    equalities: Array,
-) -> BorderedSystem:
-    """Return the system of cost and penalized equalities; with derivatives of another point it has only its gradient.
-
-    Args:
-        problem: The NLP.
-        x: The point at which the gradient of the cost is computed.
-        settings: Settings of the method.
-        horizon: Sizes of the NLP.
-        jacobians: Derivatives of the equalities.
-        equalities: Values of the equalities.
-    """
-    scales = row_scales(horizon, x.q.dtype)
-    penalty = settings.equality_penalty * scales.equality
-    nothing = FlatResiduals(jnp.zeros(()), equalities, jnp.zeros_like(scales.inequality))
-    return gauss_newton_system(
-        problem,
-        x,
-        jacobians,
-        unflatten(nothing._replace(equality=penalty * equalities), horizon),
-        unflatten(nothing._replace(equality=penalty), horizon),
-        blocks=EQUALITY_BLOCKS,
-    )
-
-
-def solve_program(
-    problem: Problem,
-    state: LaneState,
-    trial: Variables,
-    rows: FlatResiduals,
-    settings: SequentialSettings,
-    horizon: Horizon,
-) -> DualSolution:
-    """Solve the quadratic program of one lane with the values of all rows at a trial point.
-
-    Args:
-        problem: The NLP.
-        state: The lane.
-        trial: The trial point, or the lane's point.
-        rows: Values of all rows there.
-        settings: Settings of the method.
-        horizon: Sizes of the NLP.
-    """
-    program: QuadraticProgram = state.model
-    moved = jax.tree.map(jnp.subtract, trial, state.x)
-
-    # The gradient of cost, curvature, damping and penalized rows at the trial point.
-    system = _system(problem, trial, settings, horizon, program.jacobians, rows.equality)
-    free = jnp.asarray(problem.parameter_upper > problem.parameter_lower, trial.q.dtype)
-    curved = times_curvature(program.curvature, moved)
-    of_joints = system.gradient_q + state.damping * moved.q + curved.q
-    of_parameters = system.gradient_m + (state.damping * free * moved.m + curved.m).reshape(-1)
-    gradient = reduce_sides(program.factor, of_joints[..., None], of_parameters[:, None])
-    values = take_rows(rows, program.rows)
-    penalized = program.weights * values
-    c = ReducedSides(
-        gradient.of_joints[..., 0] + program.sides.of_joints @ penalized,
-        gradient.of_parameters[..., 0] + program.sides.of_parameters @ penalized,
-    )
-
-    # The inequalities at the minimum without them, then their multipliers.
-    at_minimum = values - (
-        jnp.einsum("pwr,pw->r", program.sides.of_joints, c.of_joints)
-        + c.of_parameters @ program.sides.of_parameters
-    )
-    y = solve_nonnegative(program.matrix, -at_minimum, program.multipliers > 0)
-
-    # The step from the trial point, and from the lane's point.
-    side = ReducedSides(
-        -(c.of_joints + program.sides.of_joints @ y),
-        -(c.of_parameters + program.sides.of_parameters @ y),
-    )
-    dq, dm = solve_reduced(program.factor, side, horizon.slices)
-    step = Variables(moved.q + dq, moved.m + dm.reshape(moved.m.shape))
-
-    # A penalized row also has the multiplier of its penalty, and an equality has none but this one.
-    at_step = at_minimum - (program.matrix @ y - y / settings.equality_penalty)
-    scale = row_scales(horizon, trial.q.dtype).equality
-    change = _equality_changes(problem, trial, horizon, program.jacobians, Variables(dq, dm))
-    return DualSolution(
-        step,
-        jnp.maximum(y + program.weights * at_step, 0),
-        settings.equality_penalty * scale * (rows.equality + change),
-    )
-
-
-def _equality_changes(
-    problem: Problem, x: Variables, horizon: Horizon, jacobians: dict[str, Any], step: Variables
-) -> Float[Array, " equalities"]:
-    """Return the products of the equalities' derivatives and a step; its mode parameters are in one row."""
-    shapes = number_of_flat_rows(horizon)
-    parameters = PARAMETERS * horizon.phases
-
-    def gradient(equality: Array) -> tuple[Array, Array]:
-        """Return the transposed product, to which every block adds its part."""
-        nothing = FlatResiduals(jnp.zeros(()), equality, jnp.zeros(shapes.inequality))
-        estimates = unflatten(nothing, horizon)
-        parts = empty_parts(horizon.slices, horizon.joints, parameters, x.q.dtype)
-        for block in EQUALITY_BLOCKS:
-            estimate = estimates[block.name]
-            parts = block.add_to_system(
-                parts, problem, x, jacobians[block.name], estimate, jnp.zeros_like(estimate)
-            )
-        return parts.gradient_q, parts.gradient_m
-
-    zeros = jnp.zeros(shapes.equality, x.q.dtype)
-    (change,) = jax.linear_transpose(gradient, zeros)((step.q, step.m))
-    return change

@@ -37,8 +37,8 @@ from dvr_jax.solver.path_program import (
     QuadraticProgram,
     empty_program,
     linearize,
-    solve_program,
 )
+from dvr_jax.solver.path_step import solve_program
 from dvr_jax.solver.sequential import (
     BestPoint,
     LaneState,
