@@ -17,7 +17,7 @@ PARALLEL = 1e-9
 """Segments count as parallel where the squared sine of their angle is at most this."""
 
 
-class _NearestPoints(NamedTuple):
+class NearestPoints(NamedTuple):
     """The nearest points of two segments."""
 
     between: Vector
@@ -48,7 +48,7 @@ def capsule_capsule(
     Returns:
         Distances [m] and wrenches.
     """
-    nearest = _nearest_points(a0, a1, b0, b1)
+    nearest = nearest_points(a0, a1, b0, b1)
     length = materialize(_length(nearest.between))
     on_second = materialize(nearest.on_second)
     return length - radius_a - radius_b, contact_wrench(on_second, nearest.between / length)
@@ -75,7 +75,7 @@ def capsule_capsule_distance(
     Returns:
         Distances [m], those of `capsule_capsule`.
     """
-    return _length(_nearest_points(a0, a1, b0, b1).between) - radius_a - radius_b
+    return _length(nearest_points(a0, a1, b0, b1).between) - radius_a - radius_b
 
 
 def capsule_plane(a0: Vector, a1: Vector, radius: Scalar | float) -> tuple[Scalar, SpatialVector]:
@@ -98,7 +98,7 @@ def _length(a: Vector) -> Scalar:
     return jnp.sqrt(dot(a, a) + TINY * TINY)
 
 
-def _nearest_points(a0: Vector, a1: Vector, b0: Vector, b1: Vector) -> _NearestPoints:
+def nearest_points(a0: Vector, a1: Vector, b0: Vector, b1: Vector) -> NearestPoints:
     """Nearest points of two segments.
 
     The points are ``A(s) = a0 + s da`` and ``B(t) = b0 + t db`` with s and t in [0, 1]. With ``r = a0 - b0`` and with
@@ -113,6 +113,12 @@ def _nearest_points(a0: Vector, a1: Vector, b0: Vector, b1: Vector) -> _NearestP
     So s is clipped to its segment, then t follows and is clipped, and then s and t are computed once more.
 
     Source: C. Ericson, Real-Time Collision Detection, 2005, section 5.1.9.
+
+    Args:
+        a0: First end of the first segment [m].
+        a1: Second end of the first segment [m].
+        b0: First end of the second segment [m].
+        b1: Second end of the second segment [m].
     """
     da = a1 - a0
     db = b1 - b0
@@ -131,4 +137,4 @@ def _nearest_points(a0: Vector, a1: Vector, b0: Vector, b1: Vector) -> _NearestP
     t = jnp.clip((ab * s + br) / bb, 0, 1)
     s = materialize(jnp.clip((ab * t - ar) / aa, 0, 1))
     t = materialize(jnp.clip((ab * s + br) / bb, 0, 1))
-    return _NearestPoints(materialize(r + s * da - t * db), b0 + t * db)
+    return NearestPoints(materialize(r + s * da - t * db), b0 + t * db)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import jax.numpy as jnp
+from jaxtyping import Bool, Float
 
+from dvr_jax.geometry.arrays import Array
 from dvr_jax.geometry.vectors import materialize, rotation_about_z
 from dvr_jax.modes import fixed, held, placed
 from dvr_jax.modes.mode import Attachment, HandPoses, ModeKind, ObjectPoses
@@ -38,3 +40,21 @@ def object_poses(attached: Attachment, hands: HandPoses) -> ObjectPoses:
     arms = range(hands.position.shape[1])
     by_arm = jnp.stack([is_held & (attached.parent == arm) for arm in arms])
     return ObjectPoses(R, p, jnp.concatenate([angular, linear]), by_arm)
+
+
+def chain_depth(joints: int, is_held: Bool[Array, "*batch"]) -> Float[Array, "columns *batch"]:
+    """Return the places of D joints and of an object's mode parameters in the chain that moves the object.
+
+    A variable moves all columns that have a greater place. The pose of a held object follows from the hand by its
+    pitch, then by its tangent and its height, then by its yaw; that of a placed object by x and y, then by its yaw.
+
+    Args:
+        joints: Number D of joints, in the order of the chain.
+        is_held: Whether a hand holds the object.
+    """
+    held_order = jnp.asarray([1.0, 2.0, 0.0, 3.0])
+    placed_order = jnp.asarray([0.0, 1.0, 2.0, 3.0])
+    axes = (slice(None), *(None,) * is_held.ndim)
+    of_joints = jnp.broadcast_to(jnp.arange(float(joints))[axes], (joints, *is_held.shape))
+    of_parameters = jnp.where(is_held, held_order[axes], placed_order[axes])
+    return jnp.concatenate([of_joints, joints + of_parameters])

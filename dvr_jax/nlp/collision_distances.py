@@ -20,10 +20,23 @@ from jaxtyping import Bool, Float, Int
 
 from dvr_jax.geometry.arrays import Array
 from dvr_jax.geometry.capsule_prism import axis_point_wrench, nearest_on_axis
-from dvr_jax.geometry.capsules import capsule_capsule, capsule_capsule_distance, capsule_plane
+from dvr_jax.geometry.capsules import (
+    capsule_capsule,
+    capsule_capsule_distance,
+    capsule_plane,
+    nearest_points,
+)
 from dvr_jax.geometry.prism_prism import prism_prism
 from dvr_jax.geometry.prisms import Prism, point_prism, prism_plane
-from dvr_jax.geometry.vectors import Rotation, SpatialVector, Vector, materialize, rotate_back
+from dvr_jax.geometry.vectors import (
+    Rotation,
+    SpatialVector,
+    Vector,
+    cross,
+    dot,
+    materialize,
+    rotate_back,
+)
 from dvr_jax.modes.mode import ModeKind, ObjectPoses
 from dvr_jax.nlp.collision_rows import object_pairs, row_bodies, table_capsules
 from dvr_jax.nlp.compaction import count_active, gather_chunk, number_of_groups, slot
@@ -75,6 +88,10 @@ class Contacts(NamedTuple):
 
     wrench: Float[Array, "6 other_rows slices"]
     """Wrenches of the rows of a capsule and the table, an object and the table, or two bodies."""
+
+    height: Float[Array, "other_rows slices"]
+    """Position of the contact of these rows along its normal [m]; of two bodies it is that of the middle between their
+    centers."""
 
 
 class _NearPairs(NamedTuple):
@@ -132,11 +149,21 @@ def measure_contacts(
         (table_distance - above_table, table_wrench),
         _masked(above_support - of_objects, standing_wrench, ~objects.held.any(0)),
     ]
-    if len(object_pairs(N, bodies.position.shape[1] - N)[0]):
+    heights = [table_distance + segments.radius[on_table], above_support]
+    pairs = object_pairs(N, bodies.position.shape[1] - N)
+    if len(pairs[0]):
         others.append(_between_bodies(bodies, kind, of_pairs))
+        middle = (bodies.position[:, pairs[0]] + bodies.position[:, pairs[1]]) / 2
+        heights.append(dot(others[-1][1][3:], middle))
     distances, wrenches = zip(*materialize(others), strict=True)
 
-    contacts = Contacts(segments, bodies, axis_position, jnp.concatenate(wrenches, axis=1))
+    contacts = Contacts(
+        segments,
+        bodies,
+        axis_position,
+        jnp.concatenate(wrenches, axis=1),
+        jnp.concatenate(heights),
+    )
     return jnp.concatenate([between_capsules, distances[0], near, *distances[1:]]), contacts
 
 
@@ -320,6 +347,22 @@ def _masked(distance: Array, wrench: SpatialVector, ignored: Array) -> tuple[Arr
     return jnp.where(ignored, FAR, distance), jnp.where(ignored, 0, wrench)
 
 
+class RowContacts(NamedTuple):
+    """Contacts of chosen rows of each slice."""
+
+    wrench: Float[Array, "6 chosen slices"]
+    """Derivative of the distance by the twists of the bodies."""
+
+    first_point: Float[Array, "3 chosen slices"]
+    """Point of the first body that is nearest to the second one, or the center of its curvature there [m]."""
+
+    second_point: Float[Array, "3 chosen slices"]
+    """The same of the second body [m]."""
+
+    is_on_body: Bool[Array, "chosen slices"]
+    """Whether a row is about a capsule and a body. The normal then turns with the body, whose faces are flat."""
+
+
 def row_wrenches(
     model: WorkcellModel,
     contacts: Contacts,
@@ -327,6 +370,23 @@ def row_wrenches(
     rows: Int[Array, "chosen slices"],
 ) -> Float[Array, "6 chosen slices"]:
     """Wrenches of chosen rows of each slice: the derivatives of their distances by the twists of the bodies.
+
+    Args:
+        model: Arms of the workcell.
+        contacts: As of `measure_contacts`.
+        number_of_objects: Number N of objects.
+        rows: Rows, other ones in each slice.
+    """
+    return row_contacts(model, contacts, number_of_objects, rows).wrench
+
+
+def row_contacts(
+    model: WorkcellModel,
+    contacts: Contacts,
+    number_of_objects: int,
+    rows: Int[Array, "chosen slices"],
+) -> RowContacts:
+    """Contacts of chosen rows of each slice.
 
     Args:
         model: Arms of the workcell.
@@ -359,4 +419,16 @@ def row_wrenches(
         point_prism(materialize(rotate_back(R, a0 + t * (a1 - a0) - p)), prism)
     )
     of_body = jnp.where(t < 0, 0, axis_point_wrench(a0, a1, t, R, gradient))
-    return jnp.where(second >= 0, of_capsules, jnp.where(pair >= 0, of_body, stored))
+    wrench = jnp.where(second >= 0, of_capsules, jnp.where(pair >= 0, of_body, stored))
+
+    # The points on the axes of capsules; other points follow from the wrench and their height along the normal.
+    nearest = nearest_points(a0, a1, b0, b1)
+    normal = stored[3:]
+    other_point = cross(normal, stored[:3]) + pick(contacts.height, other) * normal
+    one_point = jnp.where(pair >= 0, a0 + t * (a1 - a0), other_point)
+    return RowContacts(
+        wrench,
+        jnp.where(second >= 0, nearest.on_second + nearest.between, one_point),
+        jnp.where(second >= 0, nearest.on_second, one_point),
+        pair >= 0,
+    )

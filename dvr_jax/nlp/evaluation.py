@@ -94,6 +94,21 @@ def evaluate_constraints(
         x: Their variables.
         geometry: Distances, hands and screws of their L slices (`dvr_jax.nlp.layout.lay_out`).
     """
+    given = evaluation_input(model, problems, x, geometry)
+    return {block.name: block.evaluate(given) for block in CONSTRAINT_BLOCKS}
+
+
+def evaluation_input(
+    model: WorkcellModel, problems: Problem, x: Variables, geometry: SliceGeometry
+) -> EvaluationInput:
+    """Return what the rows of all blocks are computed from, for a batch of B problems.
+
+    Args:
+        model: Arms of the workcell.
+        problems: A batch of problems.
+        x: Their variables.
+        geometry: Distances, hands and screws of their L slices (`dvr_jax.nlp.layout.lay_out`).
+    """
     B, K = x.m.shape[:2]
     samples = geometry.distance.shape[0] // B
 
@@ -106,7 +121,7 @@ def evaluate_constraints(
         at_ends = by_problem(value)[..., samples // K - 1 :: samples // K]
         return at_ends.reshape(*value.shape[:-1], B * K)
 
-    given = EvaluationInput(
+    return EvaluationInput(
         problems=problems,
         x=x,
         distance=geometry.distance.reshape(B, samples, -1),
@@ -118,7 +133,6 @@ def evaluate_constraints(
         screws=by_problem(geometry.screws),
         joint_limits=jnp.tile(model.joint_limits, (1, model.structure.number_of_arms)),
     )
-    return {block.name: block.evaluate(given) for block in CONSTRAINT_BLOCKS}
 
 
 def violations_of(evaluations: Evaluations) -> Violations:
@@ -268,6 +282,7 @@ __all__ = [
     "NormalEquations",
     "Violations",
     "evaluate_constraints",
+    "evaluation_input",
     "flatten",
     "gauss_newton_system",
     "horizon_of",

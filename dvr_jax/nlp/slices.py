@@ -163,6 +163,24 @@ def distance_jacobian(
         geometry: Geometry of the slices, as returned by `measure`.
         rows: Indices of the chosen rows, which may differ from slice to slice.
     """
+    N = geometry.held.shape[2]
+    wrench = row_wrenches(model, geometry.contacts, N, rows.T).transpose(2, 0, 1)
+
+    # XLA fuses a sum of six products into one kernel, but not a batched product of matrices.
+    wrench, sign = materialize((wrench, row_signs(model, geometry, rows)))
+    return sign * sum(geometry.columns[:, i, :, None] * wrench[:, i, None] for i in range(6))
+
+
+def row_signs(
+    model: WorkcellModel, geometry: SliceGeometry, rows: Int[Array, "slices chosen"]
+) -> Float[Array, "slices columns chosen"]:
+    """Return 1 where a column moves the first body of a row, -1 where it moves the second one, else 0.
+
+    Args:
+        model: Arms of the workcell.
+        geometry: Geometry of the slices.
+        rows: Indices of the chosen rows.
+    """
     dtype = geometry.distance.dtype
     N = geometry.held.shape[2]
     fixed = geometry.contacts.bodies.position.shape[1] - N
@@ -174,16 +192,11 @@ def distance_jacobian(
     )
 
     # A held object moves with its arm, so its sign in a row is added to the sign of the arm's joints.
-    wrench = row_wrenches(model, geometry.contacts, N, rows.T).transpose(2, 0, 1)
     own = jnp.take(of_objects, rows, axis=1).transpose(1, 0, 2)
     carried = sum(geometry.held[:, :, n, None] * own[:, None, n] for n in range(N))
     sign = jnp.take(of_joints, rows, axis=1).transpose(1, 0, 2)
     sign = sign + jnp.repeat(carried, model.structure.joints, axis=1)
-    sign = jnp.concatenate([sign, *[own] * PARAMETERS], axis=1)
-
-    # XLA fuses a sum of six products into one kernel, but not a batched product of matrices.
-    wrench, sign = materialize((wrench, sign))
-    return sign * sum(geometry.columns[:, i, :, None] * wrench[:, i, None] for i in range(6))
+    return jnp.concatenate([sign, *[own] * PARAMETERS], axis=1)
 
 
 class _Sums(NamedTuple):
@@ -267,6 +280,7 @@ def take_geometry(geometry: SliceGeometry, slices: Int[Array, " chosen"]) -> Sli
         jax.tree.map(lambda value: take_slices(value, slices), contacts.bodies),
         take_slices(contacts.axis_position, slices),
         take_slices(contacts.wrench, slices),
+        take_slices(contacts.height, slices),
     )
     return geometry._replace(
         contacts=taken, columns=geometry.columns[slices], held=geometry.held[slices]

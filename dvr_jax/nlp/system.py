@@ -81,6 +81,22 @@ class SystemParts(NamedTuple):
     """Derivative by the mode parameters, action after action."""
 
 
+class Curvature(NamedTuple):
+    """Second derivatives of a sum of constraint rows by all variables, in the blocks of `BorderedSystem`."""
+
+    diagonal: Float[Array, "*batch slices joints joints"]
+    """Blocks A_t."""
+
+    coupling: Float[Array, "*batch slices joints joints"]
+    """Blocks B1_t with slice t - 1."""
+
+    border: Float[Array, "*batch slices joints parameters"]
+    """Blocks E_t."""
+
+    corner: Float[Array, "*batch parameters parameters"]
+    """Block C."""
+
+
 def empty_parts(slices: int, joints: int, parameters: int, dtype: Any) -> SystemParts:
     """Return a system to which nothing has been added.
 

@@ -26,10 +26,11 @@ from dvr_jax.nlp.slices import SliceGeometry, distance_jacobian, take_geometry
 from dvr_jax.nlp.system import empty_parts
 from dvr_jax.workcell.model import WorkcellModel
 
-COLLISIONS_PER_PHASE = 24
-"""Number of working rows of a phase that are distances. At an optimum, five to ten of them have a multiplier."""
+COLLISIONS_PER_PHASE = 14
+"""Number of working rows of a phase that are distances. At an optimum, five to ten of them have a multiplier. With 24
+of them, and 20 others, an iteration takes longer, and no more paths reach their KKT residual."""
 
-OTHERS_PER_PHASE = 20
+OTHERS_PER_PHASE = 14
 """Number of working rows of a phase that are other inequalities."""
 
 FARTHEST = -0.1
@@ -125,6 +126,16 @@ def take_rows(rows: FlatResiduals, index: RowIndex) -> Float[Array, " rows"]:
     return jnp.concatenate([distances, rows.inequality[index.other]])
 
 
+def take_multipliers(multipliers: FlatResiduals, index: RowIndex) -> Float[Array, " rows"]:
+    """Return the multipliers of the working rows of one NLP; 0 for places without a row.
+
+    Args:
+        multipliers: Multipliers of all rows.
+        index: The working rows.
+    """
+    return jnp.maximum(take_rows(multipliers, index), 0)
+
+
 def put_rows(values: Float[Array, " rows"], index: RowIndex, into: FlatResiduals) -> FlatResiduals:
     """Return all rows of one NLP with new values of the working rows, the inverse of `take_rows`.
 
@@ -182,14 +193,26 @@ def row_derivatives(
     return RowDerivatives(joined.by_joints, joined.by_parameters * free)
 
 
+def samples_of_rows(
+    index: Int[Array, "batch distances"], horizon: Horizon
+) -> Int[Array, "batch distances"]:
+    """Return the sample of each row among the samples of all problems; places without a row have a wrong one.
+
+    Args:
+        index: Indices of the distances of each problem.
+        horizon: Sizes of the NLPs.
+    """
+    samples = horizon.slices * horizon.samples
+    return index // horizon.collision_rows + samples * jnp.arange(len(index))[:, None]
+
+
 def _by_columns(
     model: WorkcellModel, horizon: Horizon, chunks: Sequence[SliceGeometry], index: Array
 ) -> Float[Array, "batch distances columns"]:
     """Return the derivatives of the rows -distance by the columns of their slices (`dvr_jax.nlp.slices`)."""
     B, number = index.shape
     samples = horizon.slices * horizon.samples
-    of_sample = index // horizon.collision_rows
-    slices = (of_sample + samples * jnp.arange(B)[:, None]).reshape(-1)
+    slices = samples_of_rows(index, horizon).reshape(-1)
     rows = (index % horizon.collision_rows).reshape(-1, 1)
     is_row = index.reshape(-1) < samples * horizon.collision_rows
 

@@ -205,3 +205,20 @@ def exchange_samples(
         too_deep = within[rows, deepest] > BETWEEN_TOLERANCE
         moved[too_deep, part] = fraction[rows, deepest][too_deep]
     return place_samples(problem, q, moved)
+
+
+def raised_clearance(
+    clearance: Float[np.ndarray, "slices body_rows"], depth: Float[np.ndarray, "slices times"]
+) -> Float[np.ndarray, "slices body_rows"]:
+    """Return the clearances of an optimal path after an exchange, with those of intervals that penetrate raised.
+
+    An optimal path runs along its constraints. Where a hand passes an edge quickly, it would penetrate just beside each
+    place that a sample is moved to. A clearance that is larger by the depth guards the neighborhood of the samples.
+
+    Args:
+        clearance: Clearances in the interval before each slice [m].
+        depth: Penetration depths at some times of each interval [m].
+    """
+    deepest = depth.max(axis=1)
+    too_deep = np.where(deepest > BETWEEN_TOLERANCE, deepest, 0.0)
+    return clearance + too_deep[:, None]

@@ -28,6 +28,7 @@ from dvr_jax.solver.continuous_collision import (
     EXCHANGES,
     PenetrationSamples,
     exchange_samples,
+    raised_clearance,
     sample_penetration,
 )
 from dvr_jax.solver.iteration import lay_out_chunks, measure_chunk
@@ -37,6 +38,9 @@ from dvr_jax.workcell.model import WorkcellModel
 
 REFILL_FRACTION = 0.25
 """Ended lanes get new NLPs as soon as they make up this fraction of all lanes."""
+
+EXCHANGED = ("sample_fraction", "sample_offset", "clearance")
+"""Fields of `Problem` that change where samples of a lane are moved."""
 
 FOUND = (SolverStatus.FEASIBLE, SolverStatus.OPTIMAL)
 """Statuses of lanes that have ended at a feasible point."""
@@ -188,6 +192,7 @@ class LanePool:
         self._model, self._on_device, self._settings = to_device(
             (model, self._problems, self._settings)
         )
+        self._wanted_clearance = self._clearances_of_tasks()
         self._chunks = lay_out_chunks(self._on_device, self._states.x)
 
     def prepare(self) -> None:
@@ -199,6 +204,11 @@ class LanePool:
             self._model, self._on_device, self._settings, self._states, geometry
         )
         measure_chunk.prepare(self._model, self._chunks[0])
+
+    def _clearances_of_tasks(self) -> jax.Array:
+        """Return the clearances of all lanes, without those that were raised (`raised_clearance`)."""
+        original = [self._tasks[lane.task or 0].problem.clearance for lane in self._lanes]
+        return to_device(np.stack(original))
 
     def run(self) -> list[NlpSolution]:
         """Iterate until every task has a solution, and return the solutions in the order of the tasks."""
@@ -241,16 +251,15 @@ class LanePool:
         if not unchecked:
             return ended
 
-        samples = sample_penetration(self._model, self._on_device, self._states.x)
+        examined = self._on_device._replace(clearance=self._wanted_clearance)
+        samples = sample_penetration(self._model, examined, self._states.x)
         # JAX arrays cannot be changed in place, so what a restart changes is copied to NumPy arrays. The Gauss-Newton
         # systems, which are large, stay where they are.
         self._states = _copy_to_host(self._states, self._method.RESTARTED)
         resumed = [index for index in unchecked if self._exchange(index, samples)]
         if resumed:
-            moved = to_device((self._problems.sample_fraction, self._problems.sample_offset))
-            self._on_device = self._on_device._replace(
-                sample_fraction=moved[0], sample_offset=moved[1]
-            )
+            changed = {name: getattr(self._problems, name) for name in EXCHANGED}
+            self._on_device = self._on_device._replace(**to_device(changed))
             self._chunks = lay_out_chunks(self._on_device, _trial_points(self._states))
         return [index for index in ended if index not in resumed]
 
@@ -281,8 +290,11 @@ class LanePool:
         problem = jax.tree.map(lambda leaf: leaf[index], self._problems)
         q = np.asarray(self._states.x.q)[index]
         placed = exchange_samples(problem, q, samples.fraction[index], samples.depth[index])
-        self._problems.sample_fraction[index] = placed.sample_fraction
-        self._problems.sample_offset[index] = placed.sample_offset
+        if isinstance(self._settings, SequentialSettings):
+            raised = raised_clearance(problem.clearance, samples.depth[index])
+            placed = placed._replace(clearance=raised)
+        for name in EXCHANGED:
+            getattr(self._problems, name)[index] = getattr(placed, name)
         self._method.restart(self._states, index, self._settings)
         return True
 
@@ -308,6 +320,7 @@ class LanePool:
         states = self._method.initial_states(self._model, problems, starts, self._settings)
         _assign(self._states, filled, states)
         self._on_device = to_device(self._problems)
+        self._wanted_clearance = self._clearances_of_tasks()
         self._chunks = lay_out_chunks(self._on_device, _trial_points(self._states))
 
 

@@ -5,10 +5,11 @@ nearly hold. All functions treat a single *lane*, which is one NLP with its poin
 
     minimize  grad f . d + 1/2 d^T (H + damping I) d + p/2 |h + J_h d|^2    subject to  g + J_g d <= 0
 
-gives the step d. H is the Hessian of the cost, or its Gauss-Newton matrix. The penalty p of the linearized equalities
-is so large that the step satisfies them. The quadratic program contains the inequalities that are near, so that a step
-does not run into those that are not active yet. Its dual has one variable for each of them
-(`dvr_jax.solver.quadratic_program`).
+gives the step d. H is the Hessian of the Lagrangian (`dvr_jax.solver.path_matrix`), that of the cost alone, or its
+Gauss-Newton matrix. Without the curvature of the constraints, steps converge linearly at best, and overshoot where it
+is larger than that of the cost. The penalty p of the linearized equalities is so large that the step satisfies them.
+The quadratic program contains the inequalities that are near, so that a step does not run into those that are not
+active yet. Its dual has one variable for each of them (`dvr_jax.solver.quadratic_program`).
 
 Constraints are curved, so x + d violates them in the second order of d. The step is therefore *corrected*: the
 quadratic program is solved again with the values of the constraints at x + d, and with the derivatives at x (a
@@ -19,8 +20,9 @@ is accepted if
 - its violation is within a *funnel*, a bound that shrinks with the iterations (Gould and Toint 2010), and
 - its cost has decreased by a fraction of what the quadratic program predicts, or its violation has been halved.
 
-Otherwise the damping grows and a shorter step is found from x. The lane ends at x if its damping is small and the
-quadratic program predicts almost no decrease: the *KKT residual* is
+Otherwise the damping grows and a shorter step is found from x. A lane that violates the constraints and finds only very
+short steps has strayed to where no step restores them; it goes back to its best point with a narrower funnel. The lane
+ends at x if its damping is small and the quadratic program predicts almost no decrease: the *KKT residual* is
 
     residual = 1/2 d^T (H + damping I) d / f.
 
@@ -88,6 +90,15 @@ class SequentialSettings(NamedTuple):
     damping_limit: float = 1e3
     """The lane ends when the damping exceeds this number."""
 
+    stray_damping: float = 50.0
+    """A lane that violates the constraints returns to its best point when the damping exceeds this number."""
+
+    retreat_damping: float = 0.1
+    """Damping after such a return."""
+
+    retreat_funnel: float = 0.25
+    """Factor of the bound of accepted violations at such a return."""
+
     kkt_damping: float = 1e-4
     """Largest damping for which the KKT residual is known."""
 
@@ -110,9 +121,12 @@ class SequentialSettings(NamedTuple):
     funnel_shrinkage: float = 0.9
     """Factor by which the bound shrinks after each accepted point."""
 
-    violation_limit: float = 0.3
+    violation_limit: float = 0.8
     """Smallest value of the bound, and largest violation of an optimal point, unless the start violates the constraints
-    by more. An optimum uses up whatever violation is allowed."""
+    by more. A row with a large multiplier keeps a violation, the multiplier divided by `equality_penalty`."""
+
+    corrected_violation: float = 0.3
+    """Largest violation that is not corrected. An optimum uses up whatever violation is allowed."""
 
     sufficient_decrease: float = 0.1
     """Fraction of the predicted decrease that the cost has to decrease by."""
@@ -222,7 +236,7 @@ def judge(
     is_at_point = _largest(state.step) == 0
 
     # A violation is corrected as long as corrections make progress.
-    wanted = jnp.maximum(state.allowed, 0.5 * state.violation)
+    wanted = jnp.maximum(settings.corrected_violation, 0.5 * state.violation)
     progresses = violation <= settings.correction_progress * state.trial_violation
     corrects = (violation > jnp.minimum(state.funnel, wanted)) & progresses
     corrects &= violation <= settings.correction_limit
@@ -333,13 +347,15 @@ def with_step(
     promised = jnp.where(linearized, state.cost - predict(step), state.predicted_decrease)
 
     # The KKT residual is known where the quadratic program is that of the lane's point, with little damping.
-    residual = curvature / jnp.maximum(jnp.abs(state.cost), TINY_COST)
+    relative_curvature = jnp.abs(curvature) / jnp.maximum(jnp.abs(state.cost), TINY_COST)
     is_known = linearized & is_finite & (state.damping <= settings.kkt_damping)
-    residual = jnp.where(is_known, residual, state.kkt_residual)
+    residual = jnp.where(is_known, relative_curvature, state.kkt_residual)
 
     is_optimal = is_known & (residual <= settings.kkt_tolerance)
     is_optimal &= state.violation <= state.allowed
+    # A step that decreases the cost and restores feasibility may change the cost by nothing on balance.
     promises_little = jnp.abs(promised) <= settings.decrease_tolerance * jnp.abs(state.cost)
+    promises_little &= relative_curvature <= settings.kkt_tolerance
     is_over = linearized & promises_little & (state.violation <= state.allowed)
     is_refused_gain = jnp.abs(promised) <= settings.refusal_tolerance * jnp.abs(state.cost)
     is_over |= (verdict == Verdict.REFUSED) & is_refused_gain & (state.violation <= state.allowed)
@@ -348,7 +364,28 @@ def with_step(
     state = state._replace(
         step=step, damping=damping, predicted_decrease=promised, kkt_residual=residual
     )
-    return _with_status(settings, state, is_optimal, is_over)
+    strays = (verdict == Verdict.REFUSED) & (damping > settings.stray_damping) & ~is_over
+    return _with_status(settings, _after_retreat(settings, state, strays), is_optimal, is_over)
+
+
+def _after_retreat(settings: SequentialSettings, state: LaneState, strays: Array) -> LaneState:
+    """Return a lane that goes back to its best point if it has strayed to where only short steps are accepted.
+
+    A point that violates the constraints may be one from which no step restores them.
+    """
+    retreats = strays & (state.violation > state.allowed) & jnp.isfinite(state.best.cost)
+    x, step = _choose(
+        retreats,
+        (state.best.x, jax.tree.map(jnp.zeros_like, state.step)),
+        (state.x, state.step),
+    )
+    narrowed = jnp.maximum(state.allowed, settings.retreat_funnel * state.funnel)
+    return state._replace(
+        x=x,
+        step=step,
+        damping=jnp.where(retreats, settings.retreat_damping, state.damping),
+        funnel=jnp.where(retreats, narrowed, state.funnel),
+    )
 
 
 def _with_status(

@@ -18,6 +18,7 @@ from dvr_jax.geometry.arrays import Array
 from dvr_jax.geometry.vectors import materialize
 from dvr_jax.nlp.blocks import Horizon
 from dvr_jax.nlp.cost import cost, curvature
+from dvr_jax.nlp.curvature import times_curvature
 from dvr_jax.nlp.evaluation import (
     TOLERANCES,
     FlatResiduals,
@@ -36,8 +37,8 @@ from dvr_jax.solver.path_program import (
     QuadraticProgram,
     empty_program,
     linearize,
-    solve_program,
 )
+from dvr_jax.solver.path_step import solve_program
 from dvr_jax.solver.sequential import (
     BestPoint,
     LaneState,
@@ -164,17 +165,22 @@ def _advance(
             lambda new, old: jnp.where(corrected, new, old), trial_point(state), state.x
         )
         solution = solve_program(problem, state, at, trial.rows, settings, horizon)
+        refused = trial.verdict == Verdict.REFUSED
         program = state.model._replace(
-            has_multiplier=jnp.where(
-                trial.verdict == Verdict.REFUSED,
-                state.model.has_multiplier,
-                solution.multipliers > 0,
-            )
+            multipliers=jnp.where(refused, state.model.multipliers, solution.multipliers),
+            equality_multipliers=jnp.where(
+                refused, state.model.equality_multipliers, solution.equality_multipliers
+            ),
         )
 
+        def curved(step: Variables) -> Array:
+            # Half the product of the constraints' curvature with a step on both sides.
+            change = times_curvature(state.model.curvature, step)
+            return 0.5 * (jnp.sum(change.q * step.q) + jnp.sum(change.m * step.m))
+
         def predict(step: Variables) -> Array:
-            # The cost is quadratic, so that the prediction is exact.
-            return cost(problem, jax.tree.map(jnp.add, state.x, step))
+            # The cost is quadratic. Corrections of the step will change it by the curvature of the constraints.
+            return cost(problem, jax.tree.map(jnp.add, state.x, step)) + curved(step)
 
         squares = jnp.sum(solution.step.q**2) + jnp.sum(solution.step.m**2)
         return with_step(
@@ -182,7 +188,9 @@ def _advance(
             state._replace(model=program),
             trial.verdict,
             solution.step,
-            curvature(problem, solution.step) + 0.5 * state.damping * squares,
+            curvature(problem, solution.step)
+            + curved(solution.step)
+            + 0.5 * state.damping * squares,
             predict,
         )
 

@@ -81,7 +81,8 @@ def test_an_arm_in_collision_at_home_is_refused_before_anything_is_compiled(
     bent = replace(left, home=(0.0, 1.7, 0.0, -0.3, 0.0, 1.6, 0.8))
     workcell = replace(DEFAULT_WORKCELL, arms=(bent, right))
     monkeypatch.setattr(
-        "dvr_jax.planning.planner.compiling_ahead", lambda *arguments: pytest.fail("began to compile")
+        "dvr_jax.planning.planner.compiling_ahead",
+        lambda *arguments: pytest.fail("began to compile"),
     )
     with pytest.raises(DvrError, match="with the arms at home"):
         plan(replace(one_box(-0.4, 0.3), workcell=workcell), "mbts")

@@ -12,6 +12,7 @@ from dvr_jax.solver.continuous_collision import (
     PATH_SAMPLES,
     even_fractions,
     exchange_samples,
+    raised_clearance,
     straight_intervals,
 )
 
@@ -53,3 +54,10 @@ def test_samples_move_to_the_deepest_place_of_their_part_and_lie_on_the_motion()
 def test_samples_that_do_not_divide_the_times_looked_at_are_refused(samples: int) -> None:
     with pytest.raises(ValueError, match=f"{samples} samples a slice; valid are divisors of 9"):
         even_fractions(5, samples)
+
+
+def test_clearances_grow_where_an_optimal_path_penetrates() -> None:
+    clearance = np.full((3, 2), 0.005)
+    depth = np.array([[-0.1, 0.0], [0.001, BETWEEN_TOLERANCE], [0.008, 0.004]])
+    raised = raised_clearance(clearance, depth)
+    np.testing.assert_allclose(raised, [[0.005] * 2, [0.005] * 2, [0.013] * 2])

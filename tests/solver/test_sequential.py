@@ -162,3 +162,45 @@ def test_shipped_settings_reach_the_published_optimum(number: int) -> None:
     assert lane.status in (SolverStatus.OPTIMAL, SolverStatus.FEASIBLE)
     assert violation <= TOLERANCE
     assert abs(f - example.optimum) <= 1e-2 * max(1, abs(example.optimum))
+
+
+def _refused(violation: float, damping: float) -> LaneState:
+    """A lane whose last step was refused, with a better point than its own."""
+    lane = _start(EXAMPLES[28])
+    best = BestPoint(np.full(3, 7.0), np.array(2.0), np.array(0.0))
+    return lane._replace(
+        cost=np.array(1.0),
+        violation=np.array(violation),
+        allowed=np.array(SETTINGS.violation_limit),
+        funnel=np.array(40.0),
+        damping=np.array(damping),
+        predicted_decrease=np.array(1.0),
+        best=best,
+    )
+
+
+@pytest.mark.parametrize(
+    ("violation", "damping", "returns"),
+    [
+        (20.0, 2 * SETTINGS.stray_damping, True),
+        (20.0, 0.5 * SETTINGS.stray_damping, False),
+        (0.5 * SETTINGS.violation_limit, 2 * SETTINGS.stray_damping, False),
+    ],
+)
+def test_a_lane_that_strays_returns_to_its_best_point(
+    violation: float, damping: float, returns: bool
+) -> None:
+    lane = _refused(violation, damping)
+    new = with_step(
+        SETTINGS,
+        lane,
+        np.array(Verdict.REFUSED),
+        np.ones(3),
+        np.array(1.0),
+        lambda step: jnp.zeros(()),
+    )
+    assert new.status == SolverStatus.RUNNING
+    np.testing.assert_array_equal(new.step, 0)
+    np.testing.assert_array_equal(new.x, lane.best.x if returns else lane.x)
+    assert (new.funnel < lane.funnel) == returns
+    assert new.damping == (SETTINGS.retreat_damping if returns else damping)

@@ -29,7 +29,7 @@ from jaxtyping import Float
 from dvr_jax.geometry.arrays import Array
 from dvr_jax.modes.mode import HandPoses
 from dvr_jax.nlp.problem import Problem, Variables
-from dvr_jax.nlp.system import SystemParts
+from dvr_jax.nlp.system import Curvature, SystemParts
 
 
 class ConstraintKind(Enum):
@@ -146,6 +146,10 @@ EmptyJacobian = Callable[[Horizon, Callable[..., Any]], Any]
 """Function that returns a placeholder of a block's Jacobian; see `ConstraintBlock.empty_jacobian`."""
 
 
+GetCurvature = Callable[[EvaluationInput, Array], Curvature]
+"""Function that returns second derivatives of a block's rows; see `ConstraintBlock.curvature`."""
+
+
 def no_jacobian(horizon: Horizon, zeros: Callable[..., Any]) -> None:
     """Return None, the Jacobian of a block whose derivatives are constant or kept elsewhere.
 
@@ -187,3 +191,7 @@ class ConstraintBlock:
     """Function that returns a Jacobian of the right structure with all derivatives zero, for the sizes of an NLP. It is
     called as ``empty_jacobian(horizon, zeros)``, where ``zeros(*shape)`` adds batch axes. Equalities need it, because
     the solver keeps their Jacobians between iterations."""
+
+    curvature: GetCurvature | None = None
+    """Function that returns the second derivatives of the sum of all rows times their multipliers, for a batch of
+    problems. It is called as ``curvature(given, multipliers)``. None where they are zero or left out."""

@@ -23,6 +23,7 @@ import numpy as np
 from jaxtyping import Float
 
 from dvr_jax.geometry.arrays import Array
+from dvr_jax.geometry.chain_curvature import pair_products, point_curvature, turn_curvature
 from dvr_jax.geometry.vectors import (
     compose,
     cross,
@@ -31,8 +32,8 @@ from dvr_jax.geometry.vectors import (
     rotation_angle,
     transpose,
 )
-from dvr_jax.modes.mode import PARAMETERS, Attachment
-from dvr_jax.modes.poses import object_poses
+from dvr_jax.modes.mode import PARAMETERS, Attachment, ObjectPoses
+from dvr_jax.modes.poses import chain_depth, object_poses
 from dvr_jax.nlp.blocks.block import (
     ConstraintBlock,
     ConstraintKind,
@@ -44,7 +45,7 @@ from dvr_jax.nlp.blocks.block import (
 )
 from dvr_jax.nlp.layout import attachments
 from dvr_jax.nlp.problem import Problem, Variables
-from dvr_jax.nlp.system import SystemParts
+from dvr_jax.nlp.system import Curvature, SystemParts
 
 POSITION_TOLERANCE = 1e-3
 """Largest distance between the object's positions under the old and the new mode of a feasible point [m]."""
@@ -153,6 +154,76 @@ def _by_problem(change: Array, B: int, K: int) -> SwitchJacobian:
     return SwitchJacobian(by_joints, by_parameters)
 
 
+def _curvature(given: EvaluationInput, multipliers: Array) -> Curvature:
+    """Return the second derivatives of the rows times their multipliers (B, K, 6)."""
+    B, K = given.x.m.shape[:2]
+    both = _both_attachments(given.problems, given.x.m)
+    objects = materialize(object_poses(both, given.switches.hands))
+    values = jnp.moveaxis(multipliers, -1, 0).reshape(6, B * K)
+    by_columns = _by_columns(given.switches.screws, objects, values)
+
+    # To the slices of the switches, and to the parameters of the actions by which the object is attached.
+    D = given.x.q.shape[2]
+    T = given.x.q.shape[1]
+    H = jnp.moveaxis(by_columns, -1, 0).reshape(B, K, D + 2 * PARAMETERS, D + 2 * PARAMETERS)
+    belongs = jax.vmap(_belongs)(given.problems).astype(H.dtype)
+    of_both = H[..., :D, D:].reshape(B, K, D, 2, PARAMETERS)
+    of_parameters = H[..., D:, D:].reshape(B, K, 2, PARAMETERS, 2, PARAMETERS)
+    border = jnp.einsum("bkdsc,bksl->bkdlc", of_both, belongs).reshape(B, K, D, -1)
+    corner = jnp.einsum("bkscte,bksl,bktm->blcme", of_parameters, belongs, belongs)
+    last = slice(T // K - 1, None, T // K)
+    return Curvature(
+        diagonal=jnp.zeros((B, T, D, D), H.dtype).at[:, last].set(H[..., :D, :D]),
+        coupling=jnp.zeros((B, T, D, D), H.dtype),
+        border=jnp.zeros((B, T, D, border.shape[-1]), H.dtype).at[:, last].set(border),
+        corner=corner.reshape(B, K * PARAMETERS, K * PARAMETERS),
+    )
+
+
+def _by_columns(
+    screws: Array, objects: ObjectPoses, multipliers: Array
+) -> Float[Array, "columns columns switches"]:
+    """Return the second derivatives by the joints, the parameters of the old mode, and those of the new mode.
+
+    The rotation rows are those of the difference of two rotations. Where it is small, their second derivatives are
+    those of the old rotation vector less those of the new one, less ``1/2 (omega_old x omega_new)`` for a variable of
+    the old mode and one of the new mode.
+    """
+    force = multipliers[:3]
+    moment = multipliers[3:]
+    D = screws.shape[1]
+    size = D + 2 * PARAMETERS
+    total = jnp.zeros((size, size, screws.shape[-1]), screws.dtype)
+    turns = []
+    for side, sign in enumerate((1.0, -1.0)):
+        held = objects.held[:, side]
+        moved_by = jnp.repeat(held.astype(screws.dtype), D // held.shape[0], axis=0)
+        columns = jnp.concatenate([screws * moved_by, objects.twists[:, :, side]], axis=1)
+        depth = chain_depth(D, held.any(0))
+        is_before = depth[:, None] <= depth[None]
+        found = point_curvature(columns, force, objects.position[:, side], is_before)
+        found += turn_curvature(columns, moment, is_before)
+        own = np.r_[:D, D + side * PARAMETERS : D + (side + 1) * PARAMETERS]
+        total = total.at[own[:, None], own].add(sign * found)
+        turns.append(
+            jnp.zeros((3, size, screws.shape[-1]), screws.dtype).at[:, own].set(columns[:3])
+        )
+
+    both = -pair_products(0.5 * cross(moment[:, None], turns[0]), turns[1])
+    return total + both + both.swapaxes(0, 1)
+
+
+def _belongs(problem: Problem) -> Array:
+    """Return 1 where the old or the new mode's parameters at a switch are those of an action (K, 2, K), else 0."""
+    item = problem.switched_object[:, None]
+    actions = [
+        jnp.take_along_axis(rows, item, axis=1)[:, 0]
+        for rows in (problem.mode_action[:-1], problem.mode_action[1:])
+    ]
+    K = len(problem.switched_object)
+    return jnp.stack(actions, axis=1)[..., None] == jnp.arange(K)
+
+
 def _add_to_system(
     parts: SystemParts,
     problem: Problem,
@@ -167,12 +238,7 @@ def _add_to_system(
     last = slice(T // K - 1, None, T // K)
 
     # The parameters of the old and the new mode belong to the actions that attached the object before and after.
-    item = problem.switched_object[:, None]
-    actions = [
-        jnp.take_along_axis(rows, item, axis=1)[:, 0]
-        for rows in (problem.mode_action[:-1], problem.mode_action[1:])
-    ]
-    belongs = jnp.asarray(jnp.stack(actions, axis=1)[..., None] == jnp.arange(K), x.q.dtype)
+    belongs = jnp.asarray(_belongs(problem), x.q.dtype)
     by_joints = jacobian.by_joints
     by_parameters = jnp.einsum("krob,kol->krlb", jacobian.by_parameters, belongs).reshape(
         K, 6, K * PARAMETERS
@@ -207,5 +273,6 @@ MODE_SWITCH = ConstraintBlock(
     evaluate=_evaluate,
     add_to_system=_add_to_system,
     empty_jacobian=_empty_jacobian,
+    curvature=_curvature,
 )
 """The block that gives a switched object the same pose before and after its switch."""

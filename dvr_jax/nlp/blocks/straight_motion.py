@@ -56,8 +56,9 @@ from dvr_jax.nlp.blocks.block import (
     Horizon,
     Measure,
 )
+from dvr_jax.nlp.blocks.straight_curvature import MotionEnds, straight_curvature
 from dvr_jax.nlp.problem import Problem, Variables
-from dvr_jax.nlp.system import SystemParts
+from dvr_jax.nlp.system import Curvature, SystemParts
 
 SIDEWAYS_TOLERANCE = 2e-3
 """Largest distance of the far hand of a feasible point from the approach axis [m]."""
@@ -181,8 +182,8 @@ def _motion_samples(problems: Problem, phases: int) -> _MotionSamples:
     return _MotionSamples(start, point, share)
 
 
-def straight_motions(given: EvaluationInput) -> StraightMotions:
-    """Compute points of all straight motions and their derivatives."""
+def _motion_ends(given: EvaluationInput) -> MotionEnds:
+    """Return the poses of the hands at both ends of all straight motions, and the twists of their joints."""
     K = given.x.m.shape[1]
     D = given.x.q.shape[2]
     A = given.hands.position.shape[1]
@@ -196,26 +197,42 @@ def straight_motions(given: EvaluationInput) -> StraightMotions:
 
     # Poses of the hand at the near slice and at the points, and the axes of the motion.
     R_n = at(given.hands.rotation, samples.start)
-    R_p = at(given.hands.rotation, samples.point)
-    p_n = at(given.hands.position, samples.start)
-    p_p = at(given.hands.position, samples.point)
     is_vertical = (jnp.asarray(given.problems.straight_kind) == StraightKind.VERTICAL)[..., None]
     downward = jnp.asarray(DOWNWARD_FRAME, R_n.dtype).reshape(3, 3, 1, 1, 1, 1)
-    axes = materialize(jnp.where(is_vertical, downward, R_n))
 
+    # The joints of other arms than the one that moves have no twist.
+    moves = jnp.repeat(own, D // A, axis=0)
+    return MotionEnds(
+        near_rotation=R_n,
+        near_position=at(given.hands.position, samples.start),
+        near_screws=given.screws[..., samples.start] * moves,
+        rotation=at(given.hands.rotation, samples.point),
+        position=at(given.hands.position, samples.point),
+        screws=given.screws[..., samples.point] * moves,
+        axes=materialize(jnp.where(is_vertical, downward, R_n)),
+        is_vertical=is_vertical,
+        share=samples.share,
+    )
+
+
+def straight_motions(given: EvaluationInput) -> StraightMotions:
+    """Compute points of all straight motions and their derivatives."""
+    ends = _motion_ends(given)
+    axes = ends.axes
+    p_n = ends.near_position
+    p_p = ends.position
     apart = materialize(p_p - p_n)
-    difference = materialize(compose(R_p, transpose(R_n)))
+    difference = materialize(compose(ends.rotation, transpose(ends.near_rotation)))
     w, e = materialize(half_rotation_vector(difference))
     offset = jnp.concatenate([jnp.stack([dot(axes[i], apart) for i in range(3)]), 2 * e])
 
-    # Derivatives by the joints (6, D, B, K, 2, M); those of other arms than the one that moves are zero. Axes of the
-    # hand turn with it, so that the point p itself seems to move; fixed axes do not.
-    moves = jnp.repeat(own, D // A, axis=0)
-    pivot = jnp.where(is_vertical, p_n, p_p)
-    by_start = -_offset_changes(given.screws[..., samples.start] * moves, axes, pivot, w, -e)
-    by_point = _offset_changes(given.screws[..., samples.point] * moves, axes, p_p, w, e)
+    # Derivatives by the joints (6, D, B, K, 2, M). Axes of the hand turn with it, so that the point p itself seems to
+    # move; fixed axes do not.
+    pivot = jnp.where(ends.is_vertical, p_n, p_p)
+    by_start = -_offset_changes(ends.near_screws, axes, pivot, w, -e)
+    by_point = _offset_changes(ends.screws, axes, p_p, w, e)
     by_start, by_point = materialize((by_start, by_point))
-    share = samples.share
+    share = ends.share
     return StraightMotions(
         offset=jnp.moveaxis(offset, 0, -1),
         angle=rotation_angle(difference),
@@ -330,6 +347,46 @@ def _no_rows(given: EvaluationInput, rows: int, measures: int) -> Evaluation:
     )
 
 
+def _line_curvature(given: EvaluationInput, multipliers: Array) -> Curvature:
+    """Return the second derivatives of the rows of the straight line, times their multipliers (B, K, 2, 5)."""
+    T = given.x.q.shape[1]
+    K = given.x.m.shape[1]
+    ends = _motion_ends(given)
+    is_approach = jnp.asarray(given.problems.straight_kind) == StraightKind.APPROACH
+    is_motion = (jnp.asarray(given.problems.straight_distance) > 0) & is_approach
+    values = jnp.where(is_motion[..., None], multipliers, 0)
+
+    # Only the far end has rows.
+    is_far = jnp.arange(ends.position.shape[-1]) == ends.position.shape[-1] - 1
+    force = ends.axes[0] * (values[..., 0, None] * is_far)
+    force += ends.axes[1] * (values[..., 1, None] * is_far)
+    moment = jnp.moveaxis(values[..., 2:], -1, 0)[..., None] * is_far
+    return straight_curvature(ends, force, moment, near_and_far(K, T // K), T)
+
+
+def _corridor_curvature(given: EvaluationInput, multipliers: Array) -> Curvature:
+    """Return the second derivatives of the rows of the corridor, times their multipliers (B, K, 2, rows)."""
+    T = given.x.q.shape[1]
+    B, K = given.x.m.shape[:2]
+    ends = _motion_ends(given)
+    is_motion = (jnp.asarray(given.problems.straight_distance) > 0)[..., None]
+    values = jnp.where(is_motion, multipliers, 0)
+
+    # The bounded points are those of `_evaluate_corridor`; the sides are +x, +y, -x, -y.
+    sides = values[..., 1:].reshape(B, K, MOTIONS, -1, CORRIDOR_ROWS)
+    aside = sides[..., :2] - sides[..., 2:]
+    nothing = jnp.zeros_like(aside[..., :1, :])
+    at_points = jnp.where(
+        ends.is_vertical[..., None],
+        jnp.concatenate([nothing, aside], axis=-2),
+        jnp.concatenate([aside, nothing], axis=-2),
+    )
+    is_far = jnp.arange(ends.position.shape[-1]) == ends.position.shape[-1] - 1
+    force = ends.axes[0] * at_points[..., 0] + ends.axes[1] * at_points[..., 1]
+    force += ends.axes[2] * (values[..., 0, None] * is_far)
+    return straight_curvature(ends, force, jnp.zeros_like(force), near_and_far(K, T // K), T)
+
+
 def _add_to_system(
     parts: SystemParts,
     problem: Problem,
@@ -386,6 +443,7 @@ STRAIGHT_LINE = ConstraintBlock(
     evaluate=_evaluate_line,
     add_to_system=_add_to_system,
     empty_jacobian=_empty_line_jacobian,
+    curvature=_line_curvature,
 )
 """The block that lets a hand come to an object, or leave it, from a point on the approach axis, without turning."""
 
@@ -400,5 +458,6 @@ STRAIGHT_CORRIDOR = ConstraintBlock(
     scale=_corridor_scale,
     evaluate=_evaluate_corridor,
     add_to_system=_add_to_system,
+    curvature=_corridor_curvature,
 )
 """The block that makes straight motions long enough, and keeps the hand near the line between both ends."""
