@@ -100,16 +100,11 @@ def plan(
     k_max = require_integer("k_max", k_max, least=1, most=LARGEST_K_MAX)
     seed = require_integer("the seed", seed, least=0)
     time_limit = require_positive("the time limit", time_limit, "s")
+    mode = _require_termination(termination)
+    clearance = require_number("the clearance", clearance)
+    planned = _with_clearance(scene, clearance)
     say = progress or _say_nothing
     search, chosen_network = choose_search(search, network, scene, operators, say)
-
-    if termination not in TERMINATIONS:
-        raise OptionError(
-            f"the termination is {describe_value(termination)}; valid: {', '.join(TERMINATIONS)}."
-        )
-    clearance = require_number("the clearance", clearance)
-    clearances = scene.workcell.clearances.scaled(clearance)
-    planned = replace(scene, workcell=replace(scene.workcell, clearances=clearances))
     begin = time.monotonic()
 
     # The tree refuses a scene whose arms collide at home, before anything is compiled for it.
@@ -132,7 +127,6 @@ def plan(
 
     # Tolerances of a micrometer need double precision. It is switched on here and not on import, because the import of
     # a package must not change the programs of others.
-    mode = Termination[termination.upper()]
     ahead = compiling_ahead(planned, k_max, chosen_network, operators, mode)
     with jax.enable_x64(True), ahead as watch:
         outcome = run_search(
@@ -152,6 +146,21 @@ def plan(
 
     found = _make_plan(tree, outcome, acceptance, options, total_seconds=time.monotonic() - begin)
     return replace(found, scene=scene)
+
+
+def _require_termination(termination: str) -> Termination:
+    """Return the termination mode of a name, or refuse the name."""
+    if termination not in TERMINATIONS:
+        raise OptionError(
+            f"the termination is {describe_value(termination)}; valid: {', '.join(TERMINATIONS)}."
+        )
+    return Termination[termination.upper()]
+
+
+def _with_clearance(scene: Scene, factor: float) -> Scene:
+    """Return a scene whose clearances are multiplied by a factor."""
+    clearances = scene.workcell.clearances.scaled(factor)
+    return replace(scene, workcell=replace(scene.workcell, clearances=clearances))
 
 
 class _Acceptance:
