@@ -136,18 +136,22 @@ class ObjectGraph:
             The numbers of the vertices from which the goal can be reached.
         """
         distance = dict.fromkeys(self.goals, 0)
+
+        def is_usable(edge: Edge) -> bool:
+            """Return whether an edge leads from a vertex without a number by an action that is allowed."""
+            is_last = edge.after in self.goals
+            if is_last and last_arm is not None and last_arm not in edge.action.arguments:
+                return False
+            return edge.before not in distance and is_open(edge)
+
         frontier = list(self.goals)
         while frontier:
-            reached = []
-            for vertex in frontier:
-                for edge in self.edges_to[vertex]:
-                    is_last = distance[vertex] == 0
-                    if is_last and last_arm is not None and last_arm not in edge.action.arguments:
-                        continue
-                    if edge.before not in distance and is_open(edge):
-                        distance[edge.before] = distance[vertex] + 1
-                        reached.append(edge.before)
-            frontier = reached
+            edges = [edge for vertex in frontier for edge in self.edges_to[vertex]]
+            frontier = []
+            for edge in edges:
+                if is_usable(edge):
+                    distance[edge.before] = distance[edge.after] + 1
+                    frontier.append(edge.before)
         return distance
 
 

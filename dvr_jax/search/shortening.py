@@ -27,19 +27,34 @@ def shorter_leaves(tree: SequenceTree, leaf: Node) -> list[Node]:
     found: dict[Node, None] = {}
     prefixes: dict[Node, None] = {tree.root: None}
     for action in leaf.actions:
-        for prefix in list(prefixes):
-            # A prefix that is as long as the longest shorter sequence has no room for another action.
-            if prefix.depth >= leaf.depth - 1:
-                continue
-            for child in tree.expand(prefix):
-                is_alike = child.actions[-1] == action or (
-                    len(prefixes) < MOST_PREFIXES
-                    and _without_face(child.actions[-1], tree.operators)
-                    == _without_face(action, tree.operators)
-                )
-                if is_alike and child.feasible is not False:
-                    (found if child.reaches_goal else prefixes)[child] = None
+        # A prefix that is as long as the longest shorter sequence has no room for another action.
+        short = [prefix for prefix in prefixes if prefix.depth < leaf.depth - 1]
+        for prefix in short:
+            extended = _extended(tree, prefix, action, at_any_face=len(prefixes) < MOST_PREFIXES)
+            found.update((child, None) for child in extended if child.reaches_goal)
+            prefixes.update((child, None) for child in extended if not child.reaches_goal)
     return list(found)
+
+
+def _extended(tree: SequenceTree, prefix: Node, action: Action, at_any_face: bool) -> list[Node]:
+    """Return a prefix followed by an action, if no bound refutes that.
+
+    Args:
+        tree: The tree of the prefix.
+        prefix: A prefix.
+        action: The action.
+        at_any_face: Whether the action may also take place at another face of the object.
+    """
+    alike = _without_face(action, tree.operators)
+    return [
+        child
+        for child in tree.expand(prefix)
+        if child.feasible is not False
+        and (
+            child.actions[-1] == action
+            or (at_any_face and _without_face(child.actions[-1], tree.operators) == alike)
+        )
+    ]
 
 
 def _without_face(action: Action, operators: Sequence[Operator]) -> tuple[str, ...]:
