@@ -173,7 +173,9 @@ def _load_network(options: PlanOptions) -> Predictor | None:
 
 def _print_plan(result: Plan, options: PlanOptions) -> None:
     """Print the actions of a plan, or why there are none, and what it took."""
-    if result.motion is not None:
+    if result.solved and not result.actions:
+        print("solved: no action is needed")
+    elif result.motion is not None:
         print(
             f"solved with {len(result.actions)} actions, a motion of {result.motion.time[-1]:.1f} s:"
         )
