@@ -28,7 +28,7 @@ import os
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -105,17 +105,6 @@ def _reaches(grounding: Grounding, left: int, state: int) -> bool:
     return grounding.reaches_goal_in(state, left)
 
 
-def with_clearance(scene: Scene, factor: float) -> Scene:
-    """Return a scene whose clearances are scaled.
-
-    Args:
-        scene: The scene.
-        factor: Factor of all clearances.
-    """
-    clearances = scene.workcell.clearances.scaled(factor)
-    return replace(scene, workcell=replace(scene.workcell, clearances=clearances))
-
-
 def solve_scene(options: PeersOptions, index: int) -> list[Row]:
     """Solve all problems of one scene.
 
@@ -126,7 +115,7 @@ def solve_scene(options: PeersOptions, index: int) -> list[Row]:
     Returns:
         One row a problem.
     """
-    scene = with_clearance(scene_of_seed(options.seed, index, 2), options.clearance)
+    scene = scene_of_seed(options.seed, index, 2).with_clearance(options.clearance)
     generator = np.random.default_rng([options.seed, index])
     tree = SequenceTree(scene, max(LENGTHS), options.seed)
     peer = build_peer_scene(scene)

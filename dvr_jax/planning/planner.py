@@ -102,7 +102,7 @@ def plan(
     time_limit = require_positive("the time limit", time_limit, "s")
     mode = _require_termination(termination)
     clearance = require_number("the clearance", clearance)
-    planned = _with_clearance(scene, clearance)
+    planned = scene.with_clearance(clearance)
     say = progress or _say_nothing
     search, chosen_network = choose_search(search, network, scene, operators, say)
     begin = time.monotonic()
@@ -155,12 +155,6 @@ def _require_termination(termination: str) -> Termination:
             f"the termination is {describe_value(termination)}; valid: {', '.join(TERMINATIONS)}."
         )
     return Termination[termination.upper()]
-
-
-def _with_clearance(scene: Scene, factor: float) -> Scene:
-    """Return a scene whose clearances are multiplied by a factor."""
-    clearances = scene.workcell.clearances.scaled(factor)
-    return replace(scene, workcell=replace(scene.workcell, clearances=clearances))
 
 
 class _Acceptance:

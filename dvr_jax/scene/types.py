@@ -7,7 +7,7 @@ records check nothing; `dvr_jax.scene.validation.validate_scene` and the factory
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from dvr_jax.geometry.footprint import Footprint
 from dvr_jax.goals import OnRegion, Region
@@ -178,3 +178,12 @@ class Scene:
     def goal_index(self) -> int:
         """Index of the goal's object in `objects`."""
         return self.object_index(self.goal.object)
+
+    def with_clearance(self, factor: float) -> Scene:
+        """Return this scene with all clearances of its workcell multiplied by a factor.
+
+        Raises:
+            OptionError: The factor is no number from 0 to 3.
+        """
+        clearances = self.workcell.clearances.scaled(factor)
+        return replace(self, workcell=replace(self.workcell, clearances=clearances))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dvr_jax.bench.peer_judging import judge_point
-from dvr_jax.bench.peers import PeersOptions, draw_sequence, run, with_clearance
+from dvr_jax.bench.peers import PeersOptions, draw_sequence, run
 from dvr_jax.bench.rai import build_keyframes, build_path, solve_peer, to_variables
 from dvr_jax.bench.rai_scene import build_peer_scene, gripper_frame, load_robotic, object_frame
 from dvr_jax.bench.recall import judge_prefix
@@ -39,7 +39,7 @@ def scene() -> Scene:
     near = SceneObject("near", "box", (0.05, 0.08, 0.10), (-0.30, 0.15), 0.4)
     far = SceneObject("far", "box", (0.06, 0.12, 0.08), (0.40, 0.30), -1.0)
     goal = OnRegion("near", Region((-0.30, -0.20), 0.3, (0.14, 0.14)))
-    return with_clearance(make_scene((near, far), goal), 0.0)
+    return make_scene((near, far), goal).with_clearance(0.0)
 
 
 @with_robotic

@@ -1,4 +1,4 @@
-r"""Two blocks let a hand come to a grasp and leave an object straight, and lift and lower a held object nearly upright.
+r"""Two blocks keep hands straight on their way to and from objects, and held objects near the vertical of their place.
 
 A *straight motion* lies between two neighboring slices: the *near* one, at which the hand is at the object or the
 object at its support, and the *far* one, at which it is the distance d away. A phase of a path has two of them, one in
