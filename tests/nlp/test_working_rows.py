@@ -13,7 +13,9 @@ from dvr_jax.nlp.blocks import COLLISION
 from dvr_jax.nlp.evaluation import FlatResiduals, flatten, horizon_of
 from dvr_jax.nlp.problem import Variables
 from dvr_jax.nlp.working_rows import (
+    BISECTIONS,
     FARTHEST,
+    NEAREST,
     RowDerivatives,
     RowIndex,
     choose_rows,
@@ -78,7 +80,9 @@ def test_the_nearest_rows_are_chosen() -> None:
         # Values that the bisection cannot tell from the first one beyond the limit are left out.
         left_out = expected[len(taken) :]
         np.testing.assert_allclose(
-            left_out, np.full_like(left_out, values[number.collision]), atol=1e-6
+            left_out,
+            np.full_like(left_out, values[number.collision]),
+            atol=(NEAREST - FARTHEST) / 2**BISECTIONS,
         )
         others = np.sort(found.rows.inequality[b])[::-1][: number.other]
         taken = found.rows.inequality[b][np.asarray(found.index.other[b])]
