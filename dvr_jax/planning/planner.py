@@ -37,6 +37,7 @@ from dvr_jax.search.compile_ahead import compiling_ahead
 from dvr_jax.search.explanation import explain_scene, promising_refutations
 from dvr_jax.search.node import Node
 from dvr_jax.search.predictor import Encoding, Images, SequencePredictor
+from dvr_jax.search.searches import has_several_facts
 from dvr_jax.search.searches import search as run_search
 from dvr_jax.search.session import Outcome
 from dvr_jax.search.tree import SequenceTree
@@ -140,7 +141,7 @@ def plan(
             is_limit_open=is_limit_open,
             shortest=shortest,
         )
-    if is_limit_open and outcome.node is None:
+    if is_limit_open and (outcome.node is None or has_several_facts(planned)):
         # The search has raised the limit to this number.
         options["k_max"] = tree.k_max
 

@@ -24,7 +24,7 @@ from dvr_jax.runtime.compilation import awaited_program, when_compiling
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.node import Node
 from dvr_jax.search.predictor import Encoding, Images, SequencePredictor
-from dvr_jax.search.searches import steps_of
+from dvr_jax.search.searches import has_several_facts, steps_of
 from dvr_jax.search.session import SearchSession
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.warm import Job, Programs, all_jobs
@@ -78,7 +78,9 @@ def compiling_ahead(
     Yields:
         A function through which the requests of the search are to pass.
     """
-    if not _is_allowed or (os.cpu_count() or 1) == 1:
+    # The length of a sequence for several facts is not guessed.
+    is_guessed = not has_several_facts(scene)
+    if not is_guessed or not _is_allowed or (os.cpu_count() or 1) == 1:
         yield lambda steps: steps
         return
 
