@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from dvr_jax.errors import SceneError
-from dvr_jax.goals import Goal, HandsEmpty, On
+from dvr_jax.goals import Goal, GoalFact, HandsEmpty, On
 from dvr_jax.scene.start import goal_holds_at_start
 from dvr_jax.scene.types import Scene
 from dvr_jax.scene.validation import validate_scene
@@ -46,7 +46,7 @@ def scene_with_goals(scene: Scene, goals: int, seed: tuple[int, int]) -> Scene:
     first = scene.paper_goal.object
     others = [name for name in scene.object_names if name != first]
     chosen = generator.permutation(others)[: goals - 1].tolist()
-    facts = (*(On(name, PLATE) for name in (first, *chosen)), HandsEmpty())
+    facts: tuple[GoalFact, ...] = (*(On(name, PLATE) for name in (first, *chosen)), HandsEmpty())
 
     # Each object gets a square with the room beside it that the drawn region leaves to the first one.
     drawn = scene.paper_goal.region

@@ -193,7 +193,7 @@ def search(
     found = Outcome(PlanStatus.TIME_LIMIT, seconds=session.seconds)
     try:
         if is_limit_open and has_several_facts(tree.scene):
-            run_alone(watch(_raise_limit(session)))
+            run_alone(_raise_limit(session))
         found = run_alone(watch(steps_of(name, session, network)))
         is_open = is_limit_open and found.status == PlanStatus.EXHAUSTED
         if is_open and run_alone(_raise_limit(session)):

@@ -39,7 +39,7 @@ def test_two_objects_on_a_plate_with_the_network() -> None:
         dvr.Goal((dvr.On("a", "plate"), dvr.On("b", "plate"), dvr.HandsEmpty())),
         regions=(PLATE,),
     )
-    plan = dvr.plan(scene, termination="feasible")
+    plan = dvr.plan(scene, termination="feasible", time_limit=1200)
     assert plan.solved and plan.options["search"] == "dvr"
     assert plan.options["k_max"] == 8
     assert [action.operator for action in plan.actions].count("place") == 2
@@ -60,7 +60,7 @@ def test_a_region_is_cleared_and_stays_clear(search: str) -> None:
         dvr.Goal((dvr.Clear("plate"), dvr.Holding("left", "b"))),
         regions=(PLATE,),
     )
-    plan = dvr.plan(scene, search=search, termination="feasible")
+    plan = dvr.plan(scene, search=search, termination="feasible", time_limit=1200)
     assert plan.solved and len(plan.actions) == 3
     assert signed_distance(end_of(plan)["a"].footprint, PLATE.footprint) > -1e-3
     assert plan.actions[-1].arguments[::2] == ("left", "b")
