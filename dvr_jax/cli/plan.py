@@ -118,6 +118,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
             termination=options.termination,
             shortest=options.shortest,
         )
+    if not result.solved and result.reason is None:
+        from dvr_jax.planning.causes import with_causes
+
+        with Progress("looking for the causes"):
+            result = with_causes(result)
     if options.out is not None:
         # Written before anything is printed, because the reader of the output may have gone.
         with Progress("drawing the pictures"):

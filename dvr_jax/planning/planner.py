@@ -127,7 +127,7 @@ def plan(
 
     # Tolerances of a micrometer need double precision. It is switched on here and not on import, because the import of
     # a package must not change the programs of others.
-    ahead = compiling_ahead(planned, k_max, chosen_network, operators, mode)
+    ahead = compiling_ahead(planned, k_max, chosen_network, operators, mode, tree.relaxation)
     with jax.enable_x64(True), ahead as watch:
         outcome = run_search(
             search,

@@ -2,15 +2,17 @@
 
 A reason is read off the best point that the optimizer found for the keyframes of a refuted prefix: the largest
 violation there, as a multiple of its tolerance, names two bodies that penetrate, a pose that an arm misses, a joint
-beyond its limit, or a footprint that extends beyond its region. Two reasons need no optimization, because constants of
-the scene state them: a width against the opening of the gripper, and an object beyond the reach of an arm.
+beyond its limit, or a footprint that extends beyond its region. Such a reason is a symptom, and its sentence says so:
+"Closest approach found: ...". It is confirmed only by a changed scene (`dvr_jax.search.counterfactual`). Other reasons
+need no optimization, because constants of the scene state them: a width against the opening of the gripper, and an
+object beyond the reach of an arm. These are confirmed from the start.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -78,6 +80,10 @@ class Reason:
 
     sentence: str
     """The reason as a complete sentence."""
+
+    confirmed: bool = True
+    """Whether the reason is exact, or the actions are possible in a scene that is changed by what it states. If not, it
+    is only what the optimizer's best point shows."""
 
     def __str__(self) -> str:
         """Return the sentence."""
@@ -175,6 +181,26 @@ def obstruction_reason(
     return Reason(ReasonKind.COLLISION, str(action), (name, blocker), overlap, sentence)
 
 
+NO_MOTION = "Keyframes exist, but no motion. "
+"""Beginning of the sentence where no motion between the switches was found."""
+
+APPROACH = "Closest approach found: "
+"""Beginning of the sentence of a reason that is not confirmed."""
+
+
+def as_symptom(reason: Reason) -> Reason:
+    """Return a reason as one that is not confirmed, whose sentence says so."""
+    text = reason.sentence
+    return replace(reason, confirmed=False, sentence=APPROACH + text[0].lower() + text[1:])
+
+
+def as_cause(reason: Reason) -> Reason:
+    """Return a symptom as a confirmed reason, the inverse of `as_symptom`; what precedes the symptom stays."""
+    before, found, text = reason.sentence.partition(APPROACH)
+    sentence = before + text[0].upper() + text[1:] if found else reason.sentence
+    return replace(reason, confirmed=True, sentence=sentence)
+
+
 NAMED_PART = 0.2
 """Bodies are named if their penetration is at least this part of the distance by which a pose is missed."""
 
@@ -186,7 +212,7 @@ def evidence_reason(
     solution: NlpSolution,
     operators: Sequence[Operator],
 ) -> Reason:
-    """Return the reason that the best point of an infeasible NLP shows.
+    """Return the symptom that the best point of an infeasible NLP shows, a reason that is not confirmed.
 
     Args:
         scene: A valid scene.
@@ -195,6 +221,17 @@ def evidence_reason(
         solution: The best point that was found.
         operators: The operators that are known.
     """
+    return as_symptom(_largest_violation(scene, actions, problem, solution, operators))
+
+
+def _largest_violation(
+    scene: Scene,
+    actions: Sequence[Action],
+    problem: Problem,
+    solution: NlpSolution,
+    operators: Sequence[Operator],
+) -> Reason:
+    """Return the reason that the largest violation of a point states, as a share of its tolerance."""
     violations = solution.violations
     ratio = {name: value / TOLERANCES[name] for name, value in violations.items()}
     worst = max(ratio, key=lambda name: ratio[name])

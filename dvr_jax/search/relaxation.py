@@ -61,6 +61,9 @@ class Relaxation:
         self.lower_bound = 0
         """Least number of actions of a solution, as far as it is known; `UNREACHED` if there is none."""
 
+        self.is_computed = False
+        """Whether `compute` has ended, so that the bound is final for its limit."""
+
         self._operators: Sequence[Operator] = solver.operators
         self._limit = -1
         self._remaining: dict[str | None, dict[Vertex, int]] = {}
@@ -87,11 +90,13 @@ class Relaxation:
         if self._limit >= limit:
             return self.lower_bound
         self._limit = limit
+        self.is_computed = False
         name = self.goal_object
         alone = yield from self.walks.shortest(name, (self.walks.others(name),), limit)
         self.alone = alone
         self.lower_bound = alone
         if alone > limit:
+            self.is_computed = True
             return alone
 
         for other in sorted(self.walks.others(name)):
@@ -107,6 +112,7 @@ class Relaxation:
         self._remaining.clear()
         self.lower_bound = min(map(self._bound_of_scene, sorted({alone, *self.blocking.values()})))
         self.required = frozenset(o for o, least in self.blocking.items() if least > limit)
+        self.is_computed = True
         return self.lower_bound
 
     def _bound_of_scene(self, length: int) -> int:
