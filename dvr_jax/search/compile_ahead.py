@@ -23,14 +23,11 @@ import jax
 from dvr_jax.operators import Operator
 from dvr_jax.runtime.compilation import awaited_program, when_compiling
 from dvr_jax.scene.types import Scene
-from dvr_jax.search.node import Node
+from dvr_jax.search.first_guess import likely_length
 from dvr_jax.search.predictor import Encoding, Images, SequencePredictor
 from dvr_jax.search.relaxation import Relaxation
-from dvr_jax.search.searches import steps_of
-from dvr_jax.search.session import SearchSession
-from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.warm import Job, Programs, all_jobs
-from dvr_jax.search.work import ExtendBeams, Request, Steps, run_alone
+from dvr_jax.search.work import ExtendBeams, Request, Steps
 from dvr_jax.solver.state import Settings, Termination
 
 T = TypeVar("T")
@@ -97,57 +94,6 @@ def compiling_ahead(
     finally:
         # Each thread ends with the program that it is at.
         helpers.stop()
-
-
-def likely_length(
-    scene: Scene,
-    k_max: int,
-    network: SequencePredictor[Images, Encoding],
-    operators: Sequence[Operator],
-) -> int:
-    """Return the number of actions of the sequence whose path a guided search will try first if no bound refutes it.
-
-    Args:
-        scene: The scene.
-        k_max: Largest number of actions.
-        network: The network that guides the search.
-        operators: The operators that are known.
-    """
-    tree = SequenceTree(scene, k_max, operators=operators)
-    session = _FirstLeaves(tree, accept=lambda *_: False, progress=lambda _: None)
-    try:
-        run_alone(steps_of(network.kind, session, network))
-    except _Found as found:
-        return found.length
-    return k_max
-
-
-class _Found(Exception):
-    """The first sequences that a search judges are known."""
-
-    def __init__(self, length: int) -> None:
-        """Keep the number of actions of the first of them."""
-        super().__init__()
-        self.length = length
-
-
-class _FirstLeaves(SearchSession):
-    """A search that ends where the first bound of a complete sequence would be computed."""
-
-    def judge_scene(self) -> Steps[bool]:
-        """Return True: the relaxation is left out, because it needs compiled programs."""
-        yield from ()
-        return True
-
-    def judge_prefix_chains(
-        self, leaves: list[Node], relax_first: bool = False
-    ) -> Steps[list[Node]]:
-        """Raise `_Found`."""
-        raise _Found(leaves[0].depth)
-
-    def judge_leaves(self, leaves: list[Node]) -> Steps[list[Node]]:
-        """Raise `_Found`."""
-        raise _Found(leaves[0].depth)
 
 
 class _JobKind(Enum):

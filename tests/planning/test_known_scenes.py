@@ -14,7 +14,7 @@ from relaxation_cases import (
     obstructed,
 )
 
-from dvr_jax.checker.tolerances import PENETRATION
+from dvr_jax.checker.tolerances import DEEPEST_CONTACT
 from dvr_jax.planning.planner import plan
 from dvr_jax.planning.result import Plan
 from dvr_jax.scene.mjcf import scene_xml
@@ -81,14 +81,14 @@ def test_a_hand_that_holds_what_was_in_the_way_is_no_obstacle() -> None:
     result = plan(HAND_STILL_FULL)
     assert result.solved and result.report is not None and result.report.passed
     assert "grasp" in {a.operator for a in result.actions if "blocker" in a.arguments}
-    assert deepest_overlap(result) <= PENETRATION
+    assert deepest_overlap(result) <= DEEPEST_CONTACT
 
 
 @pytest.mark.slow
 def test_no_plan_ends_with_overlapping_bodies() -> None:
     result = plan(BORDERLINE, time_limit=600)
     assert result.solved == (result.motion is not None)
-    assert not result.solved or deepest_overlap(result) <= PENETRATION
+    assert not result.solved or deepest_overlap(result) <= DEEPEST_CONTACT
 
 
 @pytest.mark.slow

@@ -13,7 +13,8 @@ from dvr_jax.nlp.problem import Variables
 from dvr_jax.operators import OPERATORS
 from dvr_jax.scene.types import OnRegion, Region, Scene, SceneObject
 from dvr_jax.search import compile_ahead
-from dvr_jax.search.compile_ahead import compiling_ahead, likely_length
+from dvr_jax.search.compile_ahead import compiling_ahead
+from dvr_jax.search.first_guess import likely_length
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import ExtendBeams, SolveNlps, Steps, run_alone
 from dvr_jax.solver.sequential import SequentialSettings
