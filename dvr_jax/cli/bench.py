@@ -57,6 +57,9 @@ BENCHMARKS: dict[str, Benchmark] = {
         "dataset", "labels and training targets of folders of shards, beside the paper's"
     ),
     "speed": Benchmark("speed", "times of a slice's system, of keyframes and of paths"),
+    "startup": Benchmark(
+        "startup", "what a machine's first plan compiles, and the time of the same plan again"
+    ),
     "optimality": Benchmark(
         "optimality", "costs of optimized paths beside ten times the iterations (10 minutes)"
     ),

@@ -4,8 +4,9 @@ A reason is read off the best point that the optimizer found for the keyframes o
 violation there, as a multiple of its tolerance, names two bodies that penetrate, a pose that an arm misses, a joint
 beyond its limit, or a footprint that extends beyond its region. Such a reason is a symptom, and its sentence says so:
 "Closest approach found: ...". It is confirmed only by a changed scene (`dvr_jax.search.counterfactual`). Other reasons
-need no optimization, because constants of the scene state them: a width against the opening of the gripper, and an
-object beyond the reach of an arm. These are confirmed from the start.
+need no optimization, because constants of the scene state them: a width against the opening of the gripper, or an
+object beyond the reach of an arm. A width is confirmed from the start. A distance is only the least by which an arm
+falls short, so that it has to be confirmed too.
 """
 
 from __future__ import annotations
@@ -83,8 +84,9 @@ class Reason:
     """The reason as a complete sentence."""
 
     confirmed: bool = True
-    """Whether the reason is exact, or the actions are possible in a scene that is changed by what it states. If not, it
-    is only what the optimizer's best point shows."""
+    """Whether it is known that the actions are possible, as far as the bound that refuted them tells, once the scene is
+    changed by what the reason states. If not, it is a condition that the actions violate, which may not be the only one
+    ("at least 5 cm too far"), or only what the optimizer's best point shows ("Closest approach found")."""
 
     def __str__(self) -> str:
         """Return the sentence."""
@@ -159,7 +161,8 @@ def reach_reason(
         f"The {arm.name} arm does not reach {what}: it is {far:.2f} m from the base, "
         f"at least {centimeters(missing)} cm too far."
     )
-    return Reason(ReasonKind.REACH, str(action), (f"{arm.name} arm", name), missing, sentence)
+    bodies = (f"{arm.name} arm", name)
+    return Reason(ReasonKind.REACH, str(action), bodies, missing, sentence, confirmed=False)
 
 
 def obstruction_reason(
@@ -179,7 +182,8 @@ def obstruction_reason(
         f"'{blocker}' stands on {target_words(scene, action.arguments[-1])}: wherever '{name}' is placed there, "
         f"they overlap by at least {centimeters(overlap)} cm."
     )
-    return Reason(ReasonKind.COLLISION, str(action), (name, blocker), overlap, sentence)
+    bodies = (name, blocker)
+    return Reason(ReasonKind.COLLISION, str(action), bodies, overlap, sentence, confirmed=False)
 
 
 NO_MOTION = "Keyframes exist, but no motion. "

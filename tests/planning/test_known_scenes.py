@@ -70,7 +70,7 @@ def deepest_overlap(result: Plan) -> float:
     data = mujoco.MjData(model)
     data.qpos[:] = result.motion.qpos[-1]
     mujoco.mj_forward(model, data)
-    geoms = [int(model.body(name).geomadr[0]) for name in result.scene.object_names]
+    geoms = [int(model.body(f"object/{name}").geomadr[0]) for name in result.scene.object_names]
     return -min(
         mujoco.mj_geomDistance(model, data, first, second, 1.0, None)
         for first, second in combinations(geoms, 2)
