@@ -116,7 +116,7 @@ def make_scene() -> None:
     )
     for name in BASES:
         draw_base(axes, name)
-    region = scene.goal.region
+    region = scene.paper_goal.region
     axes.add_patch(
         Polygon(rectangle(region.position, region.size, region.yaw), facecolor=GOAL, alpha=0.75)
     )

@@ -28,7 +28,15 @@ _PUBLIC_NAMES: dict[str, str] = {
     "SceneObject": "dvr_jax.scene.types:SceneObject",
     "FixedBody": "dvr_jax.scene.types:FixedBody",
     "Region": "dvr_jax.goals:Region",
+    "Inside": "dvr_jax.goals:Inside",
+    # Goals
     "OnRegion": "dvr_jax.goals:OnRegion",
+    "Goal": "dvr_jax.goals:Goal",
+    "On": "dvr_jax.goals:On",
+    "Holding": "dvr_jax.goals:Holding",
+    "HandsEmpty": "dvr_jax.goals:HandsEmpty",
+    "Clear": "dvr_jax.goals:Clear",
+    "register_fact": "dvr_jax.goals:register_fact",
     # Workcells
     "Workcell": "dvr_jax.workcell.workcell:Workcell",
     "Arm": "dvr_jax.workcell.workcell:Arm",
@@ -77,8 +85,15 @@ if TYPE_CHECKING:
     from dvr_jax.errors import NetworkError as NetworkError
     from dvr_jax.errors import OptionError as OptionError
     from dvr_jax.errors import SceneError as SceneError
+    from dvr_jax.goals import Clear as Clear
+    from dvr_jax.goals import Goal as Goal
+    from dvr_jax.goals import HandsEmpty as HandsEmpty
+    from dvr_jax.goals import Holding as Holding
+    from dvr_jax.goals import Inside as Inside
+    from dvr_jax.goals import On as On
     from dvr_jax.goals import OnRegion as OnRegion
     from dvr_jax.goals import Region as Region
+    from dvr_jax.goals import register_fact as register_fact
     from dvr_jax.logic import Action as Action
     from dvr_jax.logic import LogicError as LogicError
     from dvr_jax.model.predictor import Predictor as Predictor

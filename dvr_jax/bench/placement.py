@@ -11,7 +11,6 @@ from jaxtyping import Float
 from dvr_jax.bench.motion_states import MotionStates
 from dvr_jax.checker.operators.operator import AttachmentInterval
 from dvr_jax.checker.shapes import shape_check_named
-from dvr_jax.goals.on_region import GOAL_SUPPORT
 from dvr_jax.scene.mjcf import object_body_name
 
 CENTERED = 0.25
@@ -44,7 +43,7 @@ def goal_placement(states: MotionStates) -> Placement:
     outline = shape_check_named(item.shape).bottom_outline(item.size, position[-1], rotation[-1])
 
     # Distances from both edges along either side of the region.
-    region = scene.goal.supports()[GOAL_SUPPORT]
+    region = scene.paper_goal.region.footprint
     local = (outline.points - region.center) @ region.axes().T
     half = np.asarray(region.half)
     upper = half - local.max(axis=0) - outline.radius

@@ -119,7 +119,7 @@ def build_peer_scene(scene: Scene) -> PeerScene:
         _add_arm(ry, config, robot, index, arm) for index, arm in enumerate(scene.workcell.arms)
     )
 
-    region = scene.goal.region
+    region = scene.paper_goal.region
     _add_support(ry, config, "support_table", (0.0, 0.0, 0.0), table_size)
     _add_support(ry, config, "support_goal", (*region.position, region.yaw), region.size)
     for n, item in enumerate(scene.objects):

@@ -159,20 +159,22 @@ def _moved(scene: Scene, reason: Reason) -> Scene:
     if what in scene.object_names:
         item = scene.objects[scene.object_index(what)]
         return move_object(scene, what, shifted(item.position, arm.position, -reason.amount))
-    region = scene.goal.region
+    region = scene.paper_goal.region
     position = shifted(region.position, arm.position, -reason.amount)
-    return replace(scene, goal=replace(scene.goal, region=replace(region, position=position)))
+    return replace(scene, goal=replace(scene.paper_goal, region=replace(region, position=position)))
 
 
 def _resized(scene: Scene, reason: Reason) -> Scene:
     """Return a scene whose object is less wide, or whose region is larger, by the amount of a reason."""
     if reason.kind == ReasonKind.FOOTPRINT:
-        width, depth = scene.goal.region.size
+        width, depth = scene.paper_goal.region.size
         grown = reason.amount + SPARE
         region = Region(
-            scene.goal.region.position, scene.goal.region.yaw, (width + grown, depth + grown)
+            scene.paper_goal.region.position,
+            scene.paper_goal.region.yaw,
+            (width + grown, depth + grown),
         )
-        return replace(scene, goal=replace(scene.goal, region=region))
+        return replace(scene, goal=replace(scene.paper_goal, region=region))
     name = reason.bodies[0]
     objects = tuple(
         _narrower(item, scene.workcell.robot.maximum_opening) if item.name == name else item

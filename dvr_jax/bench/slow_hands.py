@@ -13,7 +13,7 @@ from toppra.constraint import JointVelocityConstraintVarying
 
 from dvr_jax.bench.motion_states import MotionStates
 from dvr_jax.planning.carried_objects import gripper_frames
-from dvr_jax.planning.hand_limits import near_speed
+from dvr_jax.planning.hand_limits import near_acceleration, near_speed
 from dvr_jax.scene.layout import qpos_layout
 
 LEAST_LIMIT = 1e-4
@@ -47,9 +47,10 @@ def slow_hand_limit(
     grid = np.linspace(0, 1, len(points))
     travel = np.linalg.norm(np.gradient(hands, grid, axis=0), axis=2)
     rate = np.full(len(points), LARGEST_RATE)
-    for end, arms in ((0, switching_arms(states, first)), (-1, switching_arms(states, last))):
-        for arm in arms:
-            fastest = near_speed(np.linalg.norm(hands[:, arm] - hands[end, arm], axis=1))
+    for end, rooms in ((0, switching_rooms(states, first)), (-1, switching_rooms(states, last))):
+        for arm, room in rooms.items():
+            distance = np.linalg.norm(hands[:, arm] - hands[end, arm], axis=1)
+            fastest = near_speed(distance, near_acceleration(np.asarray(room)))
             rate = np.minimum(rate, fastest / np.maximum(travel[:, arm], LEAST_TRAVEL))
 
     joints = qpos_layout(states.scene).arm_joints.reshape(-1)
@@ -64,18 +65,25 @@ def slow_hand_limit(
     return JointVelocityConstraintVarying(limits)
 
 
-def switching_arms(states: MotionStates, sample: int) -> set[int]:
-    """Return the arms that take or release an object in the pause around a sample.
+def switching_rooms(states: MotionStates, sample: int) -> dict[int, float]:
+    """Return the arms that take or release an object in the pause around a sample, and the room in their hands [m].
+
+    The room is the distance of each open finger from the object that it takes or has released.
 
     Args:
         states: The motion with the poses of its bodies.
         sample: Sample at which a moving part of the motion begins or ends.
     """
-    switches = [0, *states.motion.switch.tolist(), len(states.motion.time)]
+    motion = states.motion
+    switches = [0, *motion.switch.tolist(), len(motion.time)]
     nearest = min(switches, key=lambda switch: abs(switch - sample))
-    return {
-        interval.holder
-        for interval in states.timeline.intervals
-        if interval.holder is not None and nearest in (interval.start, interval.end)
-        if 0 < nearest < len(states.motion.time)
-    }
+    if not 0 < nearest < len(motion.time):
+        return {}
+
+    fingers = qpos_layout(states.scene).fingers
+    rooms = {}
+    for interval in states.timeline.intervals:
+        if interval.holder is not None and nearest in (interval.start, interval.end):
+            travel = float(motion.qpos[interval.start, fingers[interval.holder]].mean())
+            rooms[interval.holder] = states.scene.workcell.robot.finger_travel - travel
+    return rooms

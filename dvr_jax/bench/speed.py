@@ -96,7 +96,7 @@ def time_slices(number_of_objects: int, repeats: int) -> SliceTimes:
     """
     generator = np.random.default_rng(0)
     (scene,) = sample_scenes(1, number_of_objects, 1)
-    name = scene.goal.object
+    name = scene.paper_goal.object
     arm = scene.workcell.arm_names[0]
     face = "+x" if scene.objects[scene.goal_index].half_extents[0] <= NARROW else "+y"
     actions = [

@@ -75,7 +75,11 @@ SUPPORT_OVERHANG = FindingKind(
     "support overhang", "{0} reaches {value} over the border of the {1}", "mm"
 )
 
+REGION_COVERED = FindingKind("region covered", "{0} covers {value} of the {1}", "mm")
+
 GOAL_HELD = FindingKind("goal held", "the goal's {0} is still held by the {1} gripper", "")
+GOAL_NOT_HELD = FindingKind("goal not held", "the goal's {0} is not held by the {1} gripper", "")
+GOAL_OFF_HAND = FindingKind("goal off hand", "the {1} gripper's center is {value} off {0}", "mm")
 
 KINDS = (
     PENETRATION,
@@ -106,6 +110,9 @@ KINDS = (
     SUPPORT_TILT,
     SUPPORT_HEIGHT,
     SUPPORT_OVERHANG,
+    REGION_COVERED,
     GOAL_HELD,
+    GOAL_NOT_HELD,
+    GOAL_OFF_HAND,
 )
 """All kinds of the operators, shapes and goals of this package. A further operator defines its own beside its check."""

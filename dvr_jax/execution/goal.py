@@ -10,7 +10,13 @@ import numpy as np
 from jaxtyping import Float
 
 from dvr_jax.checker.goals import check_goal
-from dvr_jax.checker.kinds import SUPPORT_HEIGHT, SUPPORT_OVERHANG, SUPPORT_TILT
+from dvr_jax.checker.kinds import (
+    GOAL_OFF_HAND,
+    REGION_COVERED,
+    SUPPORT_HEIGHT,
+    SUPPORT_OVERHANG,
+    SUPPORT_TILT,
+)
 from dvr_jax.checker.operators.operator import Timeline
 from dvr_jax.checker.replayed_motion import ReplayedMotion
 from dvr_jax.checker.report import FindingLog
@@ -18,8 +24,15 @@ from dvr_jax.motion.motion import Motion
 from dvr_jax.scene.mjcf import build_model, object_body_name
 from dvr_jax.scene.types import Scene
 
-LIMITS = {SUPPORT_TILT.name: 0.1, SUPPORT_HEIGHT.name: 5e-3, SUPPORT_OVERHANG.name: 5e-3}
-"""Largest tilt [rad], largest height above the support [m] and largest overhang over the region's edge [m]."""
+LIMITS = {
+    SUPPORT_TILT.name: 0.1,
+    SUPPORT_HEIGHT.name: 5e-3,
+    SUPPORT_OVERHANG.name: 5e-3,
+    REGION_COVERED.name: 5e-3,
+    GOAL_OFF_HAND.name: 5e-3,
+}
+"""Largest tilt [rad], largest height above the support, overhang over the region's edge, depth in a region that has to
+be clear, and distance of the gripper's center from a held object [m]."""
 
 
 def goal_holds(scene: Scene, timeline: Timeline, state: Float[np.ndarray, " nq"]) -> bool:

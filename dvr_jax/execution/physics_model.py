@@ -3,7 +3,8 @@
 The scene's model serves kinematics. For execution it gets
 
 - time steps of 0.5 ms, an implicit integrator and elliptic friction cones;
-- arms without weight, as Franka's controller compensates gravity;
+- arms without weight and without friction in their joints, as Franka's controller compensates both (the commands of
+  libfranka's `franka::Torques` are torques "without gravity and friction"). The servos damp the motion;
 - fingers with the shape that they have: where a robot shows its fingers, what is shown collides in place of the
   capsules, which reach beyond the pads;
 - flat finger pads. Their contacts are stiff and their parameters take precedence: with MuJoCo's default contacts, a
@@ -15,6 +16,7 @@ The scene's model serves kinematics. For execution it gets
 from __future__ import annotations
 
 import mujoco
+import numpy as np
 
 from dvr_jax.execution.conditions import ExecutionConditions
 from dvr_jax.scene.mjcf import COLLISION_GROUP, LOOKS_GROUP, build_model_spec, object_body_name
@@ -85,7 +87,11 @@ def build_execution_spec(scene: Scene, conditions: ExecutionConditions) -> mujoc
             geom.priority = 1
 
     for arm in scene.workcell.arm_names:
-        _release_from_gravity(spec.body(f"{arm}/base"))
+        _compensate_gravity(spec.body(f"{arm}/base"))
+        for number in range(scene.workcell.robot.number_of_joints):
+            joint = spec.joint(f"{arm}/joint{number + 1}")
+            joint.damping = np.zeros_like(joint.damping)
+            joint.frictionloss = 0.0
         for finger in FINGERS:
             _add_pad(spec, f"{arm}/{finger}")
             for item in scene.objects:
@@ -100,12 +106,12 @@ def build_execution_spec(scene: Scene, conditions: ExecutionConditions) -> mujoc
     return spec
 
 
-def _release_from_gravity(body: mujoco.MjsBody) -> None:
+def _compensate_gravity(body: mujoco.MjsBody) -> None:
     """Compensate the weight of a body and of all bodies that it carries."""
     body.gravcomp = 1.0
     child = body.first_body()
     while child is not None:
-        _release_from_gravity(child)
+        _compensate_gravity(child)
         child = body.next_body(child)
 
 

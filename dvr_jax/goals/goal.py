@@ -1,30 +1,31 @@
-"""What a goal is: facts that shall hold at the end, and the regions of the table that these facts speak of.
-
-A goal is a value that says what the symbolic layer, the optimizer and the pictures have to know of it. The independent
-check has its own half, in `dvr_jax.checker`. A new goal is one file with a class of this protocol.
-"""
+"""What a goal is: facts that all hold at the end of a plan."""
 
 from __future__ import annotations
 
-from typing import Protocol
+from dataclasses import dataclass
 
-from dvr_jax.geometry.footprint import Rectangle
-
-Fact = tuple[str, ...]
-"""Predicate and arguments, as in `("on", "yellow", "goal")`."""
+from dvr_jax.goals.fact import EndCondition, GoalFact, GoalWorld
+from dvr_jax.goals.region import Region
 
 
-class Goal(Protocol):
-    """What shall hold at the end of a plan."""
+@dataclass(frozen=True, slots=True)
+class Goal:
+    """A conjunction of facts; the regions that they name are those of the scene."""
 
-    def facts(self) -> tuple[Fact, ...]:
-        """Facts that all hold at the end; objects by their names, supports by the constants of the PDDL domain."""
-        ...
+    facts: tuple[GoalFact, ...]
+    """The facts, at least one; their order is that of messages and pictures."""
 
-    def supports(self) -> dict[str, Rectangle]:
-        """Supports on the table's top, beside the table itself, by the constants of the PDDL domain."""
-        ...
+    @property
+    def regions(self) -> tuple[Region, ...]:
+        """Regions that belong to the goal itself: none."""
+        return ()
+
+    def conditions(self, world: GoalWorld) -> tuple[EndCondition, ...]:
+        """Return the symbolic conditions of all facts, each once."""
+        return tuple(
+            dict.fromkeys(condition for fact in self.facts for condition in fact.conditions(world))
+        )
 
     def sentence(self) -> str:
-        """The goal in words, for pictures and messages."""
-        ...
+        """Return the goal in words."""
+        return ", ".join(fact.sentence() for fact in self.facts)

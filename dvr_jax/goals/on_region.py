@@ -1,52 +1,37 @@
-"""The paper's goal: one object stands fully on a rectangular region of the table."""
+"""The paper's goal: one object stands on one region. It is the goal of scene files of version 1."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dvr_jax.geometry.footprint import Rectangle
-from dvr_jax.goals.goal import Fact
-
-GOAL_SUPPORT = "goal"
-"""Constant of the PDDL domain that stands for the region."""
-
-
-@dataclass(frozen=True, slots=True)
-class Region:
-    """A rectangle on the table's top."""
-
-    position: tuple[float, float]
-    """Center (x, y) in the world [m]."""
-
-    yaw: float
-    """Turn about the world's z axis [rad]."""
-
-    size: tuple[float, float]
-    """Full extents (x, y) in its own frame [m]."""
-
-    @property
-    def footprint(self) -> Rectangle:
-        """The rectangle itself."""
-        return Rectangle(self.position, (self.size[0] / 2, self.size[1] / 2), self.yaw)
+from dvr_jax.goals.fact import EndCondition, GoalFact, GoalWorld
+from dvr_jax.goals.on import On
+from dvr_jax.goals.region import Region
 
 
 @dataclass(frozen=True, slots=True)
 class OnRegion:
-    """The object called `object` shall stand with its whole footprint on `region`."""
+    """The object called `object` shall stand on `region`, which belongs to the goal."""
 
     object: str
     """Name of the object."""
 
     region: Region
-    """Where it shall stand."""
+    """Where it shall stand; its name is `GOAL_REGION`."""
 
-    def facts(self) -> tuple[Fact, ...]:
-        """The object is on the region."""
-        return (("on", self.object, GOAL_SUPPORT),)
+    @property
+    def facts(self) -> tuple[GoalFact, ...]:
+        """The one fact: the object is on the region."""
+        return (On(self.object, self.region.name),)
 
-    def supports(self) -> dict[str, Rectangle]:
+    @property
+    def regions(self) -> tuple[Region, ...]:
         """The region."""
-        return {GOAL_SUPPORT: self.region.footprint}
+        return (self.region,)
+
+    def conditions(self, world: GoalWorld) -> tuple[EndCondition, ...]:
+        """Return the symbolic conditions of the fact."""
+        return self.facts[0].conditions(world)
 
     def sentence(self) -> str:
         """The goal in words."""

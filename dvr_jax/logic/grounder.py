@@ -57,6 +57,7 @@ def ground_domain(
     initial: Collection[Fact],
     goal: Collection[Fact],
     constant_labels: Mapping[str, str] | None = None,
+    forbidden: Collection[Fact] = (),
 ) -> Grounding:
     """Ground a domain over entities.
 
@@ -68,6 +69,7 @@ def ground_domain(
         initial: all facts that hold at the start, by internal names.
         goal: the facts that shall hold at the end, by internal names.
         constant_labels: the name that the user gives to a constant; any other constant keeps its own name.
+        forbidden: the facts that shall not hold at the end, by internal names.
 
     Returns:
         The ground actions with their masks, the initial state and the goal.
@@ -82,7 +84,7 @@ def ground_domain(
     ]
     everything = [*constants, *entities]
     _check_entities(domain, everything)
-    _check_facts(domain, everything, [*initial, *goal])
+    _check_facts(domain, everything, [*initial, *goal, *forbidden])
 
     # A fact that no effect touches is decided by the initial state.
     instances = [
@@ -95,13 +97,16 @@ def ground_domain(
     for fact in goal:
         if fact not in changing and fact not in fixed_true:
             raise LogicError(f"the goal ({' '.join(fact)}) can never hold: no operator adds it.")
+    for fact in forbidden:
+        if fact in fixed_true:
+            raise LogicError(f"({' '.join(fact)}) always holds: no operator deletes it.")
 
     applicable_somewhere = [
         instance
         for instance in instances
         if instance.required <= changing | fixed_true and not instance.forbidden & fixed_true
     ]
-    return _assemble(everything, changing, applicable_somewhere, initial, goal)
+    return _assemble(everything, changing, applicable_somewhere, initial, goal, forbidden)
 
 
 def _assemble(
@@ -110,6 +115,7 @@ def _assemble(
     instances: Sequence[_Instance],
     initial: Collection[Fact],
     goal: Collection[Fact],
+    forbidden: Collection[Fact],
 ) -> Grounding:
     """Give a bit to each fact that can change, and the names of the user to actions and facts."""
     position = {entity.name: index for index, entity in enumerate(entities)}
@@ -145,6 +151,7 @@ def _assemble(
         facts=tuple(labeled_facts),
         initial_state=mask(initial),
         goal=mask(goal),
+        goal_forbidden=mask(forbidden),
     )
 
 

@@ -30,6 +30,9 @@ class Grounding:
     goal: int
     """The bits that all must hold at the end."""
 
+    goal_forbidden: int = 0
+    """The bits of which none may hold at the end."""
+
     _bit_of: dict[Fact, int] = field(default_factory=dict, init=False, repr=False, compare=False)
     _index_of: dict[Action, int] = field(
         default_factory=dict, init=False, repr=False, compare=False
@@ -79,7 +82,7 @@ class Grounding:
 
     def is_goal(self, state: int) -> bool:
         """Return whether the goal holds, so that a sequence ends here."""
-        return state & self.goal == self.goal
+        return state & self.goal == self.goal and not state & self.goal_forbidden
 
     def holds(self, state: int, predicate: str, *arguments: str) -> bool:
         """Return whether a fact holds, as in `holds(state, "holding", "left", "yellow")`.
@@ -220,7 +223,9 @@ class Grounding:
     @property
     def _goal_text(self) -> str:
         """The facts of the goal, as text."""
-        return " and ".join(map(text_of_fact, self.facts_in(self.goal)))
+        wanted = [text_of_fact(fact) for fact in self.facts_in(self.goal)]
+        unwanted = [f"not {text_of_fact(fact)}" for fact in self.facts_in(self.goal_forbidden)]
+        return " and ".join(wanted + unwanted)
 
     def _explain_inapplicable(self, state: int, index: int) -> str:
         """Say which facts keep an action from applying in a state."""

@@ -27,11 +27,10 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from dvr_jax.errors import DvrError
-from dvr_jax.goals import GOAL_SUPPORT
+from dvr_jax.goals import GOAL_REGION, TABLE, OnRegion
 from dvr_jax.logic import Action, Grounding, domain_signature
 from dvr_jax.logic.errors import listed
 from dvr_jax.operators import OPERATORS, Operator, Parameter
-from dvr_jax.operators.place import TABLE_SUPPORT
 from dvr_jax.scene.types import Scene, SceneObject
 from dvr_jax.shapes import FACES
 from dvr_jax.workcell.workcell import DEFAULT_WORKCELL, Workcell
@@ -48,7 +47,7 @@ TRAINED_ARMS = TRAINED_WORKCELL.arm_names
 DIRECTIONS = ("east", "north", "west", "south")
 """Names of the directions of a face's normal: +x, +y, -x, -y of the world, each within 45 degrees."""
 
-SUPPORTS = (TABLE_SUPPORT, GOAL_SUPPORT)
+SUPPORTS = (TABLE, GOAL_REGION)
 """Supports that the networks know."""
 
 _WORDS = {Parameter.ARM: TRAINED_ARMS, Parameter.FACE: DIRECTIONS, Parameter.SUPPORT: SUPPORTS}
@@ -71,7 +70,7 @@ SYMBOLS: tuple[Symbol, ...] = tuple(
 _CODES = {symbol: code for code, symbol in enumerate(SYMBOLS)}
 """Code of each symbol."""
 
-_PLACES_ON_GOAL = frozenset(symbol for symbol in SYMBOLS if symbol[-1] == GOAL_SUPPORT)
+_PLACES_ON_GOAL = frozenset(symbol for symbol in SYMBOLS if symbol[-1] == GOAL_REGION)
 """Symbols of actions that place an object on the goal region; their last word is the support."""
 
 _REVERSED_IN_X = {
@@ -268,6 +267,8 @@ def unfit_reason(scene: Scene, operators: Sequence[Operator]) -> str | None:
     """
     if _placement(scene.workcell) != _placement(TRAINED_WORKCELL):
         return "it was trained in the usual workcell of two arms that face each other, and this scene has another one"
+    if not isinstance(scene.goal, OnRegion) or scene.regions:
+        return "it was trained for one object on one region, and this scene has another goal"
     unknown = [operator.name for operator in operators if operator not in OPERATORS]
     if unknown:
         return f"it does not know the operator {listed(unknown)}"

@@ -80,6 +80,7 @@ def horizon_of(model: WorkcellModel, problems: Problem, x: Variables) -> Horizon
         samples=problems.sample_fraction.shape[-1],
         joints=x.q.shape[-1],
         collision_rows=rows,
+        kept_clear=problems.kept_clear.shape[-2],
     )
 
 

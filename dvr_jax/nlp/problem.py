@@ -118,6 +118,13 @@ class Problem(NamedTuple):
     support: Float[Array, "*batch phases 5"]
     """Rectangle on which the object is placed: center x, y [m], yaw [rad], half extents [m]; zeros for a grasp."""
 
+    inner_prism: Float[Array, "*batch phases 4"]
+    """Prism (hx, hy, hz, r) of the part of the placed object whose outline has to lie within the support: the object
+    itself, or a vertical line if only its center has to [m]; zeros for a grasp."""
+
+    kept_clear: Float[Array, "*batch phases regions 5"]
+    """Rectangles that the placed object must not cover, as `support`; zeros where there is none."""
+
     phase_clearance: Float[Array, "*batch phases+1 3 body_rows"]
     """Clearances of each part of each phase, and after the last action (`dvr_jax.nlp.body_clearances`) [m]."""
 

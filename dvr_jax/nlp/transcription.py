@@ -27,6 +27,7 @@ from dvr_jax.operators import (
     SkeletonState,
     operator_of,
 )
+from dvr_jax.scene.start import cleared_regions
 from dvr_jax.scene.types import Scene
 from dvr_jax.workcell.workcell import base_positions, base_rotations
 
@@ -90,6 +91,8 @@ def transcribe(
         preference=_floats([switch.preference for switch in switches], PARAMETERS),
         preference_scale=np.zeros(()),
         support=_floats([_support_numbers(switch.support) for switch in switches], 5),
+        inner_prism=_floats([switch.inner_prism for switch in switches], 4),
+        kept_clear=_kept_clear(switches, len(cleared_regions(scene))),
         phase_clearance=clearance,
         clearance=clearance[:-1, PhasePart.END],
         sample_fraction=np.ones((number, 1)),
@@ -260,6 +263,17 @@ def _mode_actions(switches: Sequence[ModeSwitch], number_of_objects: int) -> np.
     rows = np.zeros((len(switches) + 1, number_of_objects), np.int32)
     for k, switch in enumerate(switches):
         rows[k + 1 :, switch.item] = k
+    return rows
+
+
+def _kept_clear(
+    switches: Sequence[ModeSwitch], number: int
+) -> Float[np.ndarray, "phases regions 5"]:
+    """Return `Problem.kept_clear`, with zeros in the place of regions that an action may cover."""
+    rows = np.zeros((len(switches), number, 5))
+    for k, switch in enumerate(switches):
+        for index, area in enumerate(switch.kept_clear):
+            rows[k, index] = _support_numbers(area)
     return rows
 
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from dvr_jax.logic import Grounding, ground_actions
+from dvr_jax.logic import Grounding, ground_task
 from dvr_jax.operators.grasp import GRASP
 from dvr_jax.operators.operator import Operator
 from dvr_jax.operators.place import PLACE
+from dvr_jax.scene.start import symbolic_task
 from dvr_jax.scene.types import Scene
 
 OPERATORS: tuple[Operator, ...] = (GRASP, PLACE)
@@ -24,9 +25,4 @@ def ground_scene(scene: Scene, operators: Sequence[Operator] = OPERATORS) -> Gro
     Returns:
         The grounding; scenes with the same names share it.
     """
-    return ground_actions(
-        scene.object_names,
-        scene.goal.object,
-        scene.workcell.arm_names,
-        action_texts=tuple(operator.pddl for operator in operators),
-    )
+    return ground_task(symbolic_task(scene), tuple(operator.pddl for operator in operators))

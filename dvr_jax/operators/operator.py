@@ -37,7 +37,7 @@ class Parameter(Enum):
     """A side face of the object."""
 
     SUPPORT = "support"
-    """A support: the table, or a region of the goal."""
+    """A support: the table, or a region."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +96,13 @@ class ModeSwitch:
 
     support: Rectangle | None = None
     """Area of the table on which the object is placed; None if the action does not place it."""
+
+    inner_prism: FourFloats = (0.0, 0.0, 0.0, 0.0)
+    """Prism (hx, hy, hz, r) of the part of the object whose outline has to lie within the support: the object itself,
+    or a vertical line if only its center has to [m]. Without meaning if the action does not place the object."""
+
+    kept_clear: tuple[Rectangle, ...] = ()
+    """Areas that the placed object must not cover."""
 
 
 @dataclass(frozen=True)

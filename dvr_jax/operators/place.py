@@ -1,4 +1,4 @@
-"""The operator "place": an arm puts the object that it holds upright onto the table or onto a region of the goal.
+"""The operator "place": an arm puts the object that it holds upright onto the table or onto a region.
 
 The mode parameters of a place are (x, y, yaw, 0); `dvr_jax.modes.placed` defines them.
 """
@@ -12,7 +12,9 @@ from jaxtyping import Float
 
 from dvr_jax.geometry.arrays import Array
 from dvr_jax.geometry.footprint import Rectangle, fits
+from dvr_jax.geometry.intrusion import intrusion
 from dvr_jax.geometry.vectors import materialize, rotation_about_z, vector
+from dvr_jax.goals import TABLE, Inside
 from dvr_jax.logic import Action, shipped_action
 from dvr_jax.modes.mode import ModeKind
 from dvr_jax.operators.operator import (
@@ -35,11 +37,9 @@ from dvr_jax.operators.proposal import (
     world_gripper,
 )
 from dvr_jax.runtime.compilation import Program
+from dvr_jax.scene.start import cleared_regions
 from dvr_jax.scene.types import Scene
 from dvr_jax.workcell.clearances import EDGE_MARGIN
-
-TABLE_SUPPORT = "table"
-"""Constant of the PDDL domain that stands for the table."""
 
 PLACING_ROOM = 3e-4
 """Least distance by which the center of an object can be shifted on a region, to either side [m]."""
@@ -60,32 +60,19 @@ SIBLING_PENALTY = 0.003
 """Penalty on the violation of a placement for each better sibling in the beam [m]."""
 
 
-def support_rectangle(scene: Scene, support: str) -> Rectangle:
-    """Return the rectangle of a support of a scene.
-
-    Args:
-        scene: A valid scene.
-        support: "table", or a support that the goal names.
-    """
-    if support == TABLE_SUPPORT:
-        return Rectangle((0.0, 0.0), scene.workcell.table.half_extents, 0.0)
-    return scene.goal.supports()[support]
-
-
 def _clear_rectangle(scene: Scene, name: str, support: str) -> Rectangle:
-    """Return the part of a support in which the footprint of an object stays.
+    """Return the part of a support in which the footprint of an object stays, or its center.
 
     It keeps the clearance from the edges of a region. Where the footprint, with sides parallel to those of the region,
     has little more room than that, it is centered: a quarter of the room, and at least `PLACING_ROOM`, is left to the
     position. Without any room left, the only feasible position would be an isolated point, at which the constraints
     have no finite multipliers.
     """
-    rectangle = support_rectangle(scene, support)
-    if support == TABLE_SUPPORT:
+    rectangle = scene.supports()[support].area
+    if support == TABLE:
         return rectangle
 
-    item = scene.objects[scene.object_index(name)]
-    hx, hy, _, radius = item.kind.prism(item.size)
+    hx, hy, _, radius = _inner_prism(scene, name, support)
     width, depth = rectangle.half
     room = max(
         min(width - hx - radius, depth - hy - radius),
@@ -99,13 +86,35 @@ def _clear_rectangle(scene: Scene, name: str, support: str) -> Rectangle:
     return Rectangle(rectangle.center, (width - edge, depth - edge), rectangle.yaw)
 
 
+def _inner_prism(scene: Scene, name: str, support: str) -> tuple[float, float, float, float]:
+    """Return the prism of an object whose outline has to lie within a support; a point where only its center has to."""
+    item = scene.objects[scene.object_index(name)]
+    hx, hy, hz, radius = item.kind.prism(item.size)
+    if scene.supports()[support].inside == Inside.CENTER:
+        return 0.0, 0.0, hz, 0.0
+    return hx, hy, hz, radius
+
+
+def _kept_clear(scene: Scene, support: str) -> tuple[Rectangle, ...]:
+    """Return the regions that a place keeps off, because the goal wants them to be clear.
+
+    They are enlarged by the clearance that objects on a region keep from its edge.
+    """
+    edge = scene.workcell.clearances.region_edge
+    areas = [scene.region(name).footprint for name in cleared_regions(scene) if name != support]
+    return tuple(
+        Rectangle(area.center, (area.half[0] + edge, area.half[1] + edge), area.yaw)
+        for area in areas
+    )
+
+
 def _refute(scene: Scene, action: Action) -> str | None:
     """Return why an object does not fit on a region, or None."""
     _, name, support = action.arguments
-    if support == TABLE_SUPPORT:
+    if support == TABLE or scene.region(support).inside == Inside.CENTER:
         return None
 
-    rectangle = support_rectangle(scene, support)
+    rectangle = scene.region(support).footprint
     width, depth = (2 * half for half in rectangle.half)
     spare = 2 * OVERHANG_TOLERANCE
     footprint = scene.objects[scene.object_index(name)].footprint
@@ -136,6 +145,8 @@ def _switch(state: SkeletonState, action: Action) -> ModeSwitch:
         upper=(FREE, FREE, FREE, 0.0),
         finger_opening=tuple(opening),
         support=_clear_rectangle(state.scene, name, support),
+        inner_prism=_inner_prism(state.scene, name, support),
+        kept_clear=_kept_clear(state.scene, support),
     )
 
 
@@ -159,11 +170,12 @@ def _propose_place(
     """Do the work of `propose_place`, for the switched objects alone."""
     support = [step.support[:, None, None, i] for i in range(5)]
     prism = [of_item(step.prism[..., i], step) for i in range(4)]
+    inner = [step.inner_prism[:, None, None, i] for i in range(4)]
 
     # If the object barely fits on a region, only yaws parallel to its sides are possible, so half of the proposals use
     # these four yaws. The other yaws are uniform.
     turn = jnp.where(u[1] < 0.5, jnp.floor(4 * u[0]) * (math.pi / 2), 2 * math.pi * u[0])
-    spare_x, spare_y = _spare_room(support, prism, turn)
+    spare_x, spare_y = _spare_room(support, inner, turn)
     room_x = jnp.maximum(spare_x, 0)
     room_y = jnp.maximum(spare_y, 0)
     # An object that does not fit at this yaw sticks out on both sides.
@@ -186,6 +198,10 @@ def _propose_place(
     R, p = world_gripper(R, vector(x, y, prism[2]), held_frame(before), shape)
 
     m = jnp.stack(jnp.broadcast_arrays(x, y, yaw, jnp.zeros_like(x)))
+    for number in range(step.kept_clear.shape[1]):
+        region = step.kept_clear[:, number].T[..., None, None]
+        outline = jnp.stack([prism[0], prism[1], prism[3]])
+        overhang = overhang + jnp.maximum(intrusion(m, outline, region)[0], 0)
     return ProposedPoses(
         jnp.broadcast_to(m, (4, *shape)),
         R[None],

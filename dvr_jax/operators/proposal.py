@@ -84,6 +84,12 @@ class BeamStep(NamedTuple):
     support: Float[Array, "prefixes 5"]
     """Rectangle on which the object is placed: center x, y [m], yaw [rad], half extents [m]."""
 
+    inner_prism: Float[Array, "prefixes 4"]
+    """Prism of the part of the object that has to lie within the support [m]; see `ModeSwitch.inner_prism`."""
+
+    kept_clear: Float[Array, "prefixes regions 5"]
+    """Rectangles that the placed object must not cover, as `support`; zeros where there is none."""
+
     meeting_center: Float[Array, "prefixes 2"]
     """Center (x, y) of the region where the acting and the giving arm meet [m]."""
 
@@ -120,7 +126,8 @@ class ProposedPoses(NamedTuple):
     """Gripper centers [m]."""
 
     overhang: Float[Array, "prefixes candidates proposals"]
-    """By how much a placed object sticks out of its support [m]; it counts as violation."""
+    """By how much a placed object sticks out of its support, and into regions that stay clear [m]; it counts as
+    violation."""
 
 
 @dataclass(frozen=True)

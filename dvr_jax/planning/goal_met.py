@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from dvr_jax.checker import OperatorCheck, check_motion
-from dvr_jax.geometry.footprint import inside
 from dvr_jax.motion.motion import Motion, make_motion
 from dvr_jax.motion.retiming import TIME_STEP
 from dvr_jax.operators import Operator
 from dvr_jax.planning.result import Plan
 from dvr_jax.scene.layout import home_qpos
+from dvr_jax.scene.start import goal_holds_at_start
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.status import PlanStatus
 
@@ -31,8 +31,7 @@ def resting_plan(
         checks: The operators' counterparts in the independent check.
         options: Options of the plan.
     """
-    item = scene.objects[scene.goal_index]
-    if not inside(item.footprint, scene.goal.region.footprint):
+    if not goal_holds_at_start(scene):
         return None
 
     motion = resting_motion(scene)

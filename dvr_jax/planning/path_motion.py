@@ -186,7 +186,7 @@ def _timed(
     joints = points.shape[1]
     limits = _limits(scene.workcell.robot, scene.workcell.number_of_arms)
     hands = hand_positions(scene, points)
-    times = shortest_times(problem, hands, phase)
+    times = shortest_times(scene, problem, hands, phase)
     accelerations = hand_accelerations(scene, problem, m, phase)
 
     # To the timing, the coordinates of the hands are further joints, which only have limits of acceleration.

@@ -104,10 +104,11 @@ def render_depth(scene: Scene, width: int = 64, height: int = 64) -> DepthImage:
 
     goal_mask = np.zeros((height, width), np.bool_)
 
-    for region in scene.goal.supports().values():
-        radius = float(np.linalg.norm(region.half))
-        window = SCENE_CAMERA.window((*region.center, 0.0), radius, width, height)
-        goal_mask[window] |= _project_rectangle(region, SCENE_CAMERA, rays[window])
+    for region in scene.all_regions:
+        area = region.footprint
+        radius = float(np.linalg.norm(area.half))
+        window = SCENE_CAMERA.window((*area.center, 0.0), radius, width, height)
+        goal_mask[window] |= _project_rectangle(area, SCENE_CAMERA, rays[window])
 
     return DepthImage(depth, object_masks, goal_mask)
 
@@ -159,8 +160,8 @@ def render_depth_of_state(
     depth, object_masks = _see(scene, model, data, camera, rays)
     goal_mask = np.zeros((height, width), np.bool_)
 
-    for region in scene.goal.supports().values():
-        goal_mask |= _project_rectangle(region, camera, rays)
+    for region in scene.all_regions:
+        goal_mask |= _project_rectangle(region.footprint, camera, rays)
 
     return DepthImage(depth, object_masks, goal_mask)
 

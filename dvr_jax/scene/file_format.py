@@ -18,6 +18,12 @@ and of the workcell each arm's "home" and the "table" may be left out:
                   "arms": [{"name": "left", "position": [x, y], "yaw": r, "home": [7 joint angles]}],
                   "table": {"half_extents": [x, y], "thickness": t}},
      "fixed": [{"name": "wall", "shape": "box", "size": [sx, sy, sz], "position": [x, y, z], "yaw": r}]}
+
+Its goal may also be a list of facts about named regions; "support" and "inside" of a region may be left out:
+
+     "regions": [{"name": "plate", "position": [x, y], "yaw": r, "size": [sx, sy],
+                  "support": "table", "inside": "footprint" or "center"}],
+     "goal": [["on", "yellow", "plate"], ["holding", "left", "can"], ["hands_empty"], ["clear", "plate"]]
 """
 
 import json
@@ -27,6 +33,7 @@ from typing import Literal
 import msgspec
 
 from dvr_jax.errors import SceneError
+from dvr_jax.goals import TABLE, Inside
 
 Record = msgspec.Struct
 
@@ -51,8 +58,23 @@ class RegionRecord(Record, forbid_unknown_fields=True):
     size: tuple[float, float]
 
 
+class NamedRegionRecord(Record, forbid_unknown_fields=True, omit_defaults=True):
+    """One region; without "support" it lies on the table, without "inside" it holds whole footprints."""
+
+    name: str
+    position: tuple[float, float]
+    yaw: float
+    size: tuple[float, float]
+    support: str = TABLE
+    inside: Inside = Inside.FOOTPRINT
+
+
+FactRecord = tuple[str, ...]
+"""One fact of the goal: its keyword and its arguments."""
+
+
 class GoalRecord(Record, forbid_unknown_fields=True):
-    """The goal."""
+    """The goal that is one object on a region of its own."""
 
     object: str
     region: RegionRecord
@@ -113,9 +135,10 @@ class SceneRecord2(Record, forbid_unknown_fields=True, omit_defaults=True):
 
     version: Literal[2]
     objects: tuple[ObjectRecord, ...]
-    goal: GoalRecord
+    goal: GoalRecord | tuple[FactRecord, ...]
     workcell: WorkcellRecord | None = None
     fixed: tuple[FixedRecord, ...] = ()
+    regions: tuple[NamedRegionRecord, ...] = ()
 
 
 SceneRecord = SceneRecord1 | SceneRecord2
@@ -141,6 +164,7 @@ _PLACES: dict[str, type[Record]] = {
     "workcell.arms[]": ArmRecord,
     "workcell.table": TableRecord,
     "fixed[]": FixedRecord,
+    "regions[]": NamedRegionRecord,
 }
 """Record at each place of a scene file below its top."""
 

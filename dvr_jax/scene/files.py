@@ -11,12 +11,15 @@ from pathlib import Path
 import msgspec
 
 from dvr_jax.errors import DvrError, SceneError
+from dvr_jax.goals import Goal, GoalFact, known_facts, make_fact, words_of
 from dvr_jax.runtime.files import read_whole, require_writable, write_whole
 from dvr_jax.scene.file_format import (
     ArmRecord,
+    FactRecord,
     FixedRecord,
     GoalRecord,
     HomeRecord,
+    NamedRegionRecord,
     ObjectRecord,
     RegionRecord,
     SceneRecord,
@@ -193,10 +196,15 @@ def _scene_of(record: SceneRecord) -> Scene:
         )
         for item in record.objects
     ]
-    region = record.goal.region
-    goal = OnRegion(record.goal.object, Region(region.position, region.yaw, region.size))
     if isinstance(record, SceneRecord1):
-        return make_scene(objects, goal, _workcell_of_home(record.home or HomeRecord()))
+        home = record.home or HomeRecord()
+        return make_scene(objects, _paper_goal_of(record.goal), _workcell_of_home(home))
+
+    goal: OnRegion | Goal
+    if isinstance(record.goal, GoalRecord):
+        goal = _paper_goal_of(record.goal)
+    else:
+        goal = Goal(tuple(map(_fact_of, record.goal)))
 
     workcell = DEFAULT_WORKCELL if record.workcell is None else _workcell_of(record.workcell)
     fixed = [
@@ -204,7 +212,32 @@ def _scene_of(record: SceneRecord) -> Scene:
         for body in record.fixed
     ]
 
-    return make_scene(objects, goal, workcell, fixed)
+    regions = [
+        Region(item.position, item.yaw, item.size, item.name, item.support, item.inside)
+        for item in record.regions
+    ]
+
+    return make_scene(objects, goal, workcell, fixed, regions)
+
+
+def _paper_goal_of(record: GoalRecord) -> OnRegion:
+    """The goal that is one object on a region of its own."""
+    region = record.region
+    return OnRegion(record.object, Region(region.position, region.yaw, region.size))
+
+
+def _fact_of(words: FactRecord) -> GoalFact:
+    """The fact that a list of words states."""
+    known = known_facts()
+    valid = ", ".join(str([keyword, *names]) for keyword, names in known.items())
+    if not words:
+        raise SceneError(f"the goal has an empty fact; valid are {valid}.")
+
+    keyword, *arguments = words
+    if keyword not in known or len(arguments) != len(known[keyword]):
+        raise SceneError(f"the goal has the fact {list(words)}; valid are {valid}.")
+
+    return make_fact(keyword, tuple(arguments))
 
 
 def _workcell_of_home(home: HomeRecord) -> Workcell:
@@ -256,11 +289,11 @@ def _record_of(scene: Scene) -> SceneRecord:
         )
         for item in scene.objects
     )
-    region = scene.goal.region
-    goal = GoalRecord(scene.goal.object, RegionRecord(region.position, region.yaw, region.size))
     usual_homes = tuple(replace(arm, home=scene.workcell.robot.home) for arm in scene.workcell.arms)
     stands_as_usual = replace(scene.workcell, arms=usual_homes) == DEFAULT_WORKCELL
-    if stands_as_usual and not scene.fixed:
+    is_paper_goal = isinstance(scene.goal, OnRegion) and not scene.regions
+    if stands_as_usual and is_paper_goal and not scene.fixed:
+        goal = _goal_record(scene.paper_goal)
         return SceneRecord1(1, objects, goal, _home_record(scene.workcell))
 
     fixed = tuple(
@@ -268,8 +301,30 @@ def _record_of(scene: Scene) -> SceneRecord:
         for body in scene.fixed
     )
     workcell = None if scene.workcell == DEFAULT_WORKCELL else _workcell_record(scene.workcell)
+    regions = tuple(
+        NamedRegionRecord(
+            region.name,
+            region.position,
+            region.yaw,
+            region.size,
+            region.support,
+            region.inside,
+        )
+        for region in scene.regions
+    )
 
-    return SceneRecord2(2, objects, goal, workcell, fixed)
+    return SceneRecord2(2, objects, _goal_or_facts(scene), workcell, fixed, regions)
+
+
+def _goal_or_facts(scene: Scene) -> GoalRecord | tuple[FactRecord, ...]:
+    if isinstance(scene.goal, OnRegion):
+        return _goal_record(scene.goal)
+    return tuple(map(words_of, scene.goal.facts))
+
+
+def _goal_record(goal: OnRegion) -> GoalRecord:
+    region = goal.region
+    return GoalRecord(goal.object, RegionRecord(region.position, region.yaw, region.size))
 
 
 def _home_record(workcell: Workcell) -> HomeRecord | None:

@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from dvr_jax.errors import SceneError
+from dvr_jax.goals import GOAL_REGION
 from dvr_jax.scene.colors import FIXED_COLOR, GOAL_COLOR, Color, object_colors
 from dvr_jax.scene.layout import Layout, home_qpos, qpos_layout, yaw_quaternion
 from dvr_jax.scene.pinhole import SCENE_CAMERA
@@ -106,7 +107,7 @@ def build_model_spec(scene: Scene, looks: bool = True) -> mujoco.MjSpec:
         _add_fixed_body(spec.worldbody, body)
 
     if looks:
-        _add_goal(spec.worldbody, scene)
+        _add_regions(spec.worldbody, scene)
 
     qpos = home_qpos(scene)
     spec.add_key(name="home", qpos=qpos, ctrl=_home_controls(spec, scene, qpos))
@@ -240,10 +241,11 @@ def _add_fixed_body(world: mujoco.MjsBody, fixed: FixedBody) -> None:
     )
 
 
-def _add_goal(world: mujoco.MjsBody, scene: Scene) -> None:
-    for name, region in scene.goal.supports().items():
+def _add_regions(world: mujoco.MjsBody, scene: Scene) -> None:
+    for item in scene.all_regions:
+        region = item.footprint
         world.add_geom(
-            name=name,
+            name=item.name if item.name == GOAL_REGION else f"region {item.name}",
             type=mujoco.mjtGeom.mjGEOM_BOX,
             pos=[*region.center, 0.0],
             quat=yaw_quaternion(region.yaw),

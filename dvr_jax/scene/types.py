@@ -1,4 +1,4 @@
-"""What a scene is: a workcell, objects on its table, fixed bodies, and a goal. Plain frozen records.
+"""What a scene is: a workcell, objects on its table, fixed bodies, regions and a goal. Plain frozen records.
 
 World frame, meters, radians (see `dvr_jax.workcell`). Every object stands upright on the table's top, z = 0. The
 records check nothing; `dvr_jax.scene.validation.validate_scene` and the factory `make_scene` there do.
@@ -9,19 +9,24 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from dvr_jax.geometry.footprint import Footprint
-from dvr_jax.goals import OnRegion, Region
+from dvr_jax.errors import SceneError
+from dvr_jax.geometry.footprint import Footprint, Rectangle
+from dvr_jax.goals import TABLE, Goal, Inside, OnRegion, Region
 from dvr_jax.shapes import Shape, shape_named
 from dvr_jax.workcell.workcell import DEFAULT_WORKCELL, Home, Workcell
 
 __all__ = [
     "MAXIMUM_FIXED_BODIES",
     "MAXIMUM_OBJECTS",
+    "MAXIMUM_REGIONS",
     "FixedBody",
+    "Goal",
+    "Inside",
     "OnRegion",
     "Region",
     "Scene",
     "SceneObject",
+    "Support",
 ]
 
 MAXIMUM_OBJECTS = 8
@@ -29,6 +34,9 @@ MAXIMUM_OBJECTS = 8
 
 MAXIMUM_FIXED_BODIES = 16
 """A scene has at most this many fixed bodies."""
+
+MAXIMUM_REGIONS = 8
+"""A scene has at most this many regions."""
 
 
 USUAL_DENSITY = 300.0
@@ -142,13 +150,30 @@ class FixedBody:
 
 
 @dataclass(frozen=True, slots=True)
+class Support:
+    """A horizontal area on which objects are placed: the top of a body, or a region on it."""
+
+    area: Rectangle
+    """The area, seen from above."""
+
+    height: float
+    """Height of the area above the table's top [m]."""
+
+    owner: str
+    """Name of the body whose top it is."""
+
+    inside: Inside
+    """What of an object has to lie within the area."""
+
+
+@dataclass(frozen=True, slots=True)
 class Scene:
-    """One problem: the workcell, 1 to 8 objects on its table, fixed bodies, and a goal."""
+    """One problem: the workcell, 1 to 8 objects on its table, fixed bodies, regions, and a goal."""
 
     objects: tuple[SceneObject, ...]
     """The movable bodies; arrays with an axis of objects follow this order."""
 
-    goal: OnRegion
+    goal: OnRegion | Goal
     """What shall hold at the end of a plan."""
 
     workcell: Workcell = DEFAULT_WORKCELL
@@ -156,6 +181,57 @@ class Scene:
 
     fixed: tuple[FixedBody, ...] = ()
     """Bodies that nothing may touch and nothing moves."""
+
+    regions: tuple[Region, ...] = ()
+    """Regions, beside the one that an `OnRegion` brings along."""
+
+    @property
+    def all_regions(self) -> tuple[Region, ...]:
+        """The region of an `OnRegion`, then the scene's own regions."""
+        return (*self.goal.regions, *self.regions)
+
+    @property
+    def region_names(self) -> tuple[str, ...]:
+        """Names of all regions."""
+        return tuple(region.name for region in self.all_regions)
+
+    def region(self, name: str) -> Region:
+        """Return the region called `name`; KeyError when there is none."""
+        for region in self.all_regions:
+            if region.name == name:
+                return region
+        raise KeyError(name)
+
+    def with_region(self, changed: Region) -> Scene:
+        """Return this scene with the region of the same name replaced."""
+        if isinstance(self.goal, OnRegion) and self.goal.region.name == changed.name:
+            return replace(self, goal=replace(self.goal, region=changed))
+        regions = (changed if region.name == changed.name else region for region in self.regions)
+        return replace(self, regions=tuple(regions))
+
+    def supports(self) -> dict[str, Support]:
+        """Return everything on which objects are placed, by name: the table, and all regions."""
+        table = Rectangle((0.0, 0.0), self.workcell.table.half_extents, 0.0)
+        found = {TABLE: Support(table, 0.0, TABLE, Inside.FOOTPRINT)}
+
+        for region in self.all_regions:
+            owner = found[region.support]
+            found[region.name] = Support(region.footprint, owner.height, owner.owner, region.inside)
+
+        return found
+
+    @property
+    def paper_goal(self) -> OnRegion:
+        """The goal, where it is one object on one region, as in the paper.
+
+        Raises:
+            SceneError: The scene has another goal.
+        """
+        if isinstance(self.goal, OnRegion):
+            return self.goal
+        raise SceneError(
+            f"the goal is {self.goal.sentence()!r}; valid here is one object on the region that the goal brings along."
+        )
 
     @property
     def home(self) -> Home:
@@ -176,8 +252,8 @@ class Scene:
 
     @property
     def goal_index(self) -> int:
-        """Index of the goal's object in `objects`."""
-        return self.object_index(self.goal.object)
+        """Index of the object of the paper's goal in `objects`."""
+        return self.object_index(self.paper_goal.object)
 
     def with_clearance(self, factor: float) -> Scene:
         """Return this scene with all clearances of its workcell multiplied by a factor.

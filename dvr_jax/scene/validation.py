@@ -1,21 +1,20 @@
 """Rules of a scene, and the factory that makes valid scenes only.
 
 A scene has 1 to 8 objects and at most 16 fixed bodies with unique names, finite numbers and sensible sizes. All objects
-stand fully on the table, off the arms' bases, and nothing overlaps but fixed bodies among themselves. The goal names an
-object and can hold it. The rules of the arms are in `dvr_jax.scene.workcell_rules`.
+stand fully on the table, off the arms' bases, and nothing overlaps but fixed bodies among themselves. The rules of the
+arms are in `dvr_jax.scene.workcell_rules`, those of regions and goals in `dvr_jax.scene.goal_rules`.
 
 Whether the arms at home touch anything is not decided here, as it takes a MuJoCo model:
 `dvr_jax.scene.mjcf.require_free_home`.
 """
 
-import math
 from collections.abc import Sequence
 from itertools import combinations
 
 from dvr_jax.errors import SceneError
-from dvr_jax.geometry.footprint import covers, fits, inside, signed_distance
-from dvr_jax.goals import OnRegion
-from dvr_jax.scene.room import has_room
+from dvr_jax.geometry.footprint import inside, signed_distance
+from dvr_jax.goals import Goal, OnRegion, Region
+from dvr_jax.scene.goal_rules import validate_goal, validate_regions, validate_room
 from dvr_jax.scene.rules import (
     ANY_NUMBER,
     DENSITY_RANGE,
@@ -23,7 +22,6 @@ from dvr_jax.scene.rules import (
     LARGEST_SIZE,
     OVERLAP_TOLERANCE,
     SIZE_RANGE,
-    SMALLEST_SIZE,
     YAW_RANGE,
     in_words,
     require_name,
@@ -38,13 +36,12 @@ from dvr_jax.scene.types import (
     SceneObject,
 )
 from dvr_jax.scene.workcell_rules import (
-    base_footprints,
     require_off_bases,
     table_in_words,
     validate_workcell,
 )
 from dvr_jax.shapes import shape_named, shape_names
-from dvr_jax.workcell.workcell import DEFAULT_WORKCELL, Table, Workcell
+from dvr_jax.workcell.workcell import DEFAULT_WORKCELL, Workcell
 
 LARGEST_DISTANCE = 2.0
 """The center of a fixed body is no farther from the table's center than this, in each direction [m]."""
@@ -52,9 +49,10 @@ LARGEST_DISTANCE = 2.0
 
 def make_scene(
     objects: Sequence[SceneObject],
-    goal: OnRegion,
+    goal: OnRegion | Goal,
     workcell: Workcell = DEFAULT_WORKCELL,
     fixed: Sequence[FixedBody] = (),
+    regions: Sequence[Region] = (),
 ) -> Scene:
     """Make a valid scene.
 
@@ -63,6 +61,7 @@ def make_scene(
         goal: What shall hold at the end of a plan.
         workcell: Arms and table.
         fixed: Bodies that never move.
+        regions: Regions that the goal names, or that may serve as supports.
 
     Returns:
         The scene.
@@ -70,7 +69,7 @@ def make_scene(
     Raises:
         SceneError: A rule is broken; the message names the first one.
     """
-    scene = Scene(tuple(objects), goal, workcell, tuple(fixed))
+    scene = Scene(tuple(objects), goal, workcell, tuple(fixed), tuple(regions))
     validate_scene(scene)
 
     return scene
@@ -101,9 +100,10 @@ def validate_scene(scene: Scene) -> None:
     for body in scene.fixed:
         _validate_fixed_body(body, scene.workcell)
 
-    _validate_goal(scene.goal, scene.workcell.table)
+    validate_regions(scene)
+    validate_goal(scene)
     _validate_overlaps(scene)
-    _validate_room(scene)
+    validate_room(scene)
 
 
 def _require_constant(scene: Scene) -> None:
@@ -128,10 +128,6 @@ def _validate_names(scene: Scene) -> None:
         "objects and fixed bodies",
         scene.object_names + tuple(body.name for body in scene.fixed),
     )
-    if scene.goal.object not in scene.object_names:
-        raise SceneError(
-            f"the goal's object is {scene.goal.object!r}; the scene has {', '.join(map(repr, scene.object_names))}."
-        )
 
 
 def _validate_body(
@@ -179,18 +175,6 @@ def _validate_fixed_body(body: FixedBody, workcell: Workcell) -> None:
     require_off_bases(what, body.footprint, body.bottom, workcell)
 
 
-def _validate_goal(goal: OnRegion, table: Table) -> None:
-    region = goal.region
-    require_numbers("the goal region's size", region.size, 2, (SMALLEST_SIZE, math.inf), "m")
-    require_numbers("the goal region's position", region.position, 2)
-    require_numbers("the goal region's yaw", (region.yaw,), 1, YAW_RANGE, "rad")
-    if not inside(region.footprint, table.footprint):
-        raise SceneError(
-            f"the goal region at {in_words(region.position)} reaches off the table, "
-            f"whose top is {table_in_words(table)}."
-        )
-
-
 def _validate_overlaps(scene: Scene) -> None:
     """Two upright prisms overlap where both their footprints and their intervals of height do."""
     for first, second in combinations(scene.objects, 2):
@@ -211,40 +195,3 @@ def _validate_overlaps(scene: Scene) -> None:
                     f"the object {item.name!r} and the fixed body {body.name!r} overlap by {depth:.3g} m; "
                     "move them apart."
                 )
-
-
-def _validate_room(scene: Scene) -> None:
-    """The goal's object must fit onto the region, and under all that stands or hangs over the region."""
-    item = scene.objects[scene.goal_index]
-    region = scene.goal.region
-    sides = (region.size[0] + OVERLAP_TOLERANCE, region.size[1] + OVERLAP_TOLERANCE)
-    if not fits(item.footprint, sides):
-        raise SceneError(
-            f"the goal region of {in_words(region.size)} m cannot hold {item.name!r}, whose size is "
-            f"{in_words(item.size)} m, however it is turned; make it larger."
-        )
-
-    _validate_room_beside_bases(scene)
-
-    # A body over a part of the region leaves room beside it, so only the search can judge it.
-    for body in scene.fixed:
-        too_low = body.bottom < item.height - OVERLAP_TOLERANCE
-        if too_low and covers(body.footprint, region.footprint):
-            raise SceneError(
-                f"the fixed body {body.name!r} stands on the whole goal region, or hangs over it lower than "
-                f"{item.name!r} is high, {item.height:g} m; move one of the two."
-            )
-
-
-def _validate_room_beside_bases(scene: Scene) -> None:
-    """The goal's object must find a place on the region that is not in the base of an arm."""
-    item = scene.objects[scene.goal_index]
-    region = scene.goal.region
-    workcell = scene.workcell
-
-    for arm in workcell.arms:
-        if not has_room(item.footprint, region.footprint, base_footprints(arm, workcell.robot)):
-            raise SceneError(
-                f"the goal region at {in_words(region.position)} lies under the {arm.name} arm's base and leaves no "
-                f"room for {item.name!r}; move it away."
-            )

@@ -22,7 +22,7 @@ from dvr_jax.nlp.transcription import walk
 from dvr_jax.operators import Operator, describe, ground_scene, object_of
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.node import Node
-from dvr_jax.search.reasons import Reason, ReasonKind, centimeters
+from dvr_jax.search.reasons import Reason, ReasonKind, centimeters, target_words
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import Steps, run_together
 
@@ -141,13 +141,13 @@ def _shifts(
     item = scene.objects[switch.item]
     arm = scene.workcell.arms[switch.acting_arm]
     is_place = switch.mode.kind == ModeKind.PLACED
-    if is_place and last.arguments[-1] not in scene.goal.supports():
+    if is_place and last.arguments[-1] not in scene.region_names:
         return
     if not is_place and any(object_of(a, operators) == item.name for a in actions[:-1]):
         return
     what = last.arguments[-1] if is_place else item.name
-    start = scene.goal.region.position if is_place else item.position
-    shown = "the target" if is_place else f"'{item.name}'"
+    start = scene.region(what).position if is_place else item.position
+    shown = target_words(scene, what) if is_place else f"'{item.name}'"
     doing = describe(last, operators)
     # An arm that certainly falls short may need a longer shift than an arm that may reach.
     is_short = symptom.kind == ReasonKind.REACH and symptom.amount > SHIFTS[0]
@@ -155,10 +155,7 @@ def _shifts(
     for shift, (sign, words) in product(lengths, ((-1, "too far from"), (1, "too near to"))):
         position = shifted(start, arm.position, sign * shift)
         changed = (
-            replace(
-                scene,
-                goal=replace(scene.goal, region=replace(scene.goal.region, position=position)),
-            )
+            scene.with_region(replace(scene.region(what), position=position))
             if is_place
             else move_object(scene, item.name, position)
         )

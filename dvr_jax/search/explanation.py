@@ -196,7 +196,7 @@ def _static_reason_of_all(tree: SequenceTree, name: str, mode: ModeKind) -> Reas
         for action in tree.grounding.actions
         if object_of(action, tree.operators) == name
         and operator_of(action, tree.operators).mode_after == mode
-        and (mode == ModeKind.HELD or action.arguments[-1] in tree.scene.goal.supports())
+        and (mode == ModeKind.HELD or action.arguments[-1] in tree.scene.region_names)
     ]
     reasons = [static_reason(tree.scene, action, tree.operators) for action in actions]
     known = [reason for reason in reasons if reason is not None]

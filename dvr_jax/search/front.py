@@ -65,7 +65,7 @@ class PrefixFront:
         """Add a prefix."""
         tree = self._session.tree
         least = node.depth + tree.relaxation.remaining(node.actions)
-        regions = tree.scene.goal.supports()
+        regions = tree.scene.region_names
         on_regions = sum(action.arguments[-1] in regions for action in node.actions)
         violation = float(node.beam.violation.min()) if node.beam is not None else 0.0
         key = (least, -node.depth, on_regions, violation, next(self._count))

@@ -10,8 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
-from dvr_jax.logic import Action, Grounding
-from dvr_jax.operators import Operator, ground_scene, is_duplicate
+from dvr_jax.goals import OnRegion
+from dvr_jax.logic import Action, Grounding, Task, ground_task
+from dvr_jax.operators import Operator, is_duplicate
+from dvr_jax.scene.start import end_conditions, symbolic_task
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.windows import Window
 
@@ -57,9 +59,8 @@ class ObjectGraph:
             operators: The operators that are known.
             is_possible: Function that returns whether the constants of the scene allow an action.
         """
-        item = scene.objects[scene.object_index(name)]
-        alone = replace(scene, objects=(item,), goal=replace(scene.goal, object=name))
-        grounding = ground_scene(alone, operators)
+        task = task_of_object(scene, name)
+        grounding = ground_task(task, tuple(operator.pddl for operator in operators))
         allowed = {
             index: action
             for index, action in enumerate(grounding.actions)
@@ -72,7 +73,9 @@ class ObjectGraph:
         """The vertex before the first action."""
 
         self.goals: set[Vertex] = set()
-        """Vertices at which the object has reached the goal, if it is the goal's object."""
+        """Vertices at which all conditions of the goal on the object hold."""
+
+        self._ends_at_goal = isinstance(scene.goal, OnRegion)
 
         self.edges_from: dict[Vertex, list[Edge]] = {}
         """Edges by the vertex before them, in order of their distance from the root."""
@@ -99,7 +102,9 @@ class ObjectGraph:
             self.edges_from[vertex] = []
             if grounding.is_goal(state):
                 self.goals.add(vertex)
-                continue
+                # A goal of several facts may need further actions on the object, as another one may be in its way.
+                if self._ends_at_goal:
+                    continue
             for index in grounding.applicable(state):
                 if index in allowed:
                     edge = _edge(vertex, grounding.successor(state, index), allowed[index])
@@ -153,6 +158,27 @@ class ObjectGraph:
                     distance[edge.before] = distance[edge.after] + 1
                     frontier.append(edge.before)
         return distance
+
+
+def task_of_object(scene: Scene, name: str) -> Task:
+    """Return the symbolic task of one object in a world of its own.
+
+    Args:
+        scene: A valid scene.
+        name: Name of the object. For the paper's goal, any object counts as the goal's.
+    """
+    task = symbolic_task(scene)
+    if isinstance(scene.goal, OnRegion):
+        return replace(task, objects=(name,), goal=(("on", name, scene.goal.region.name),))
+
+    conditions = [condition for condition in end_conditions(scene) if condition.item == name]
+    return replace(
+        task,
+        objects=(name,),
+        goal=tuple(condition.fact for condition in conditions if condition.holds),
+        forbidden=tuple(condition.fact for condition in conditions if not condition.holds),
+        initial=tuple(fact for fact in task.initial if fact[1] == name),
+    )
 
 
 def _edge(vertex: Vertex, state: int, action: Action) -> Edge:

@@ -16,6 +16,7 @@ from enum import StrEnum
 import numpy as np
 
 from dvr_jax.geometry.footprint import Circle, Rectangle, fits
+from dvr_jax.goals import GOAL_REGION
 from dvr_jax.logic import Action
 from dvr_jax.modes.mode import ModeKind
 from dvr_jax.nlp.evaluation import TOLERANCES
@@ -98,7 +99,7 @@ def static_reason(scene: Scene, action: Action, operators: Sequence[Operator]) -
         return None
     item = scene.objects[scene.object_index(object_of(action, operators))]
     if operator.mode_after != ModeKind.HELD:
-        region = scene.goal.supports()[action.arguments[-1]]
+        region = scene.region(action.arguments[-1]).footprint
         lacking = _lacking_room(item, region)
         sides = f"{centimeters(2 * region.half[0])} x {centimeters(2 * region.half[1])} cm"
         sentence = f"'{item.name}' is {outline(item)} cm; its region of {sides} is {centimeters(lacking)} cm too small."
@@ -142,7 +143,7 @@ def reach_reason(
     if switch.mode.kind == ModeKind.PLACED and switch.support is not None:
         place = np.asarray(switch.support.center)
         name = action.arguments[-1]
-        what = "the target" if name in scene.goal.supports() else f"the {name}"
+        what = target_words(scene, name)
     else:
         place = np.asarray(item.position)
         name = item.name
@@ -169,7 +170,7 @@ def obstruction_reason(
     name = object_of(action, operators)
     overlap = obstructions(scene, name, action.arguments[-1])[blocker]
     sentence = (
-        f"'{blocker}' stands on the target: wherever '{name}' is placed there, "
+        f"'{blocker}' stands on {target_words(scene, action.arguments[-1])}: wherever '{name}' is placed there, "
         f"they overlap by at least {centimeters(overlap)} cm."
     )
     return Reason(ReasonKind.COLLISION, str(action), (name, blocker), overlap, sentence)
@@ -214,6 +215,12 @@ def evidence_reason(
     bodies = (f"{arm} arm", item)
     if worst == "footprint":
         sentence = f"When {doing}, it extends {centimeters(amount)} cm beyond its region."
+        bodies = (item, last.arguments[-1])
+        return Reason(ReasonKind.FOOTPRINT, str(last), bodies, amount, sentence)
+    if worst == "kept_clear":
+        sentence = (
+            f"When {doing}, it covers {centimeters(amount)} cm of a region that has to be clear."
+        )
         bodies = (item, last.arguments[-1])
         return Reason(ReasonKind.FOOTPRINT, str(last), bodies, amount, sentence)
     if worst == "joint_limit":
@@ -282,6 +289,13 @@ def outline(item: SceneObject) -> str:
     if isinstance(item.footprint, Circle):
         return f"{centimeters(2 * item.footprint.radius)}"
     return " x ".join(centimeters(2 * half) for half in item.footprint.half)
+
+
+def target_words(scene: Scene, support: str) -> str:
+    """Return how sentences call a support: the region of the paper's goal is the target."""
+    if support == GOAL_REGION:
+        return "the target"
+    return f"the region '{support}'" if support in scene.region_names else f"the {support}"
 
 
 def centimeters(length: float) -> str:

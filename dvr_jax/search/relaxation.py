@@ -67,13 +67,13 @@ class Relaxation:
         self.required: frozenset[str] = frozenset()
         """Names of the objects that have to be moved."""
 
-        self._obstructions: dict[str, dict[str, float]] = {}
+        self._obstructions: dict[tuple[str, str], dict[str, float]] = {}
         self._vertices: dict[tuple[Action, ...], Vertex | None] = {}
 
     @property
     def goal_object(self) -> str:
-        """Name of the goal's object."""
-        return self.solver.scene.goal.object
+        """Name of the object of the paper's goal."""
+        return self.solver.scene.paper_goal.object
 
     def compute(self, limit: int) -> Steps[int]:
         """Compute the lower bound of the scene.
@@ -95,7 +95,7 @@ class Relaxation:
             return alone
 
         for other in sorted(self.walks.others(name)):
-            if other in self._obstructions_of(name):
+            if other in self._obstructions_of(name, self.solver.scene.paper_goal.region.name):
                 self.blocking[other] = UNREACHED
                 continue
             worlds = (self.walks.others(name), self.walks.others(name, other))
@@ -203,22 +203,17 @@ class Relaxation:
     def obstruction(self, actions: Sequence[Action]) -> str | None:
         """Return the name of an object that stands where the last action places another one; None if there is none."""
         last = actions[-1]
-        if last.arguments[-1] not in self.solver.scene.goal.supports():
+        if last.arguments[-1] not in self.solver.scene.region_names:
             return None
-        overlaps = self._obstructions_of(object_of(last, self._operators))
+        overlaps = self._obstructions_of(object_of(last, self._operators), last.arguments[-1])
         moved = {object_of(action, self._operators) for action in actions} if overlaps else set()
         return next((other for other in sorted(overlaps) if other not in moved), None)
 
-    def _obstructions_of(self, name: str) -> dict[str, float]:
-        """Return the objects that exclude all placements of an object on the goal's regions, while they stand."""
-        if name not in self._obstructions:
-            scene = self.solver.scene
-            found = [obstructions(scene, name, support) for support in scene.goal.supports()]
-            common = set(found[0]).intersection(*found[1:]) if found else set()
-            self._obstructions[name] = {
-                other: min(each[other] for each in found) for other in common
-            }
-        return self._obstructions[name]
+    def _obstructions_of(self, name: str, region: str) -> dict[str, float]:
+        """Return the objects that exclude all placements of an object on a region, while they stand."""
+        if (name, region) not in self._obstructions:
+            self._obstructions[name, region] = obstructions(self.solver.scene, name, region)
+        return self._obstructions[name, region]
 
     def refuting_window(self, actions: Sequence[Action]) -> Window | None:
         """Return a window that a sequence ends with and that is known to be infeasible, or None."""

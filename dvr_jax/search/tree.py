@@ -27,10 +27,10 @@ from dvr_jax.logic import Action, Grounding
 from dvr_jax.operators import OPERATORS, Operator, ground_scene, is_duplicate, refute
 from dvr_jax.scene.mjcf import require_free_home
 from dvr_jax.scene.types import Scene
+from dvr_jax.search.conjunction_bound import relaxation_type
 from dvr_jax.search.node import Node
 from dvr_jax.search.node_solver import NodeSolver
 from dvr_jax.search.pose_bound import PoseBound
-from dvr_jax.search.relaxation import Relaxation
 from dvr_jax.search.work import Steps
 from dvr_jax.seeds.keyframe_beam import beam_capacity, empty_beam
 from dvr_jax.solver.state import Settings
@@ -81,7 +81,7 @@ class SequenceTree:
             len(scene.objects), beam_capacity(k_max), scene.workcell.number_of_joints
         )
         self._pose_bound = PoseBound(self.solver, self.root, seed)
-        self.relaxation = Relaxation(
+        self.relaxation = relaxation_type(scene)(
             self.solver, self.root, seed, lambda action: self._refuted[action] is None
         )
         """Lower bounds on the number of actions."""

@@ -147,12 +147,17 @@ def _batch_key(request: Request) -> Hashable:
     model = request.model.structure, id(request.model.link_offsets)
     if isinstance(request, ExtendBeams):
         first = request.tasks[0]
-        sizes = len(first.problem.prism), len(first.problem.fixed_prism)
+        sizes = _sizes(first.problem)
         return ExtendBeams, model, sizes, first.parent.q.shape, request.seed
     problem = request.problems[0]
-    sizes = len(problem.prism), len(problem.fixed_prism)
+    sizes = _sizes(problem)
     start = request.starts[0]
     return SolveNlps, model, sizes, start.q.shape, start.m.shape, request.settings
+
+
+def _sizes(problem: Problem) -> tuple[int, ...]:
+    """Return the numbers of objects, of fixed bodies and of regions that stay clear."""
+    return len(problem.prism), len(problem.fixed_prism), problem.kept_clear.shape[-2]
 
 
 def _execute_batch(requests: list[Request]) -> Reply:

@@ -139,6 +139,8 @@ def beam_step(problem: Problem, proposal: Proposal) -> BeamStep:
         parameter_lower=number(problem.parameter_lower[k]),
         parameter_upper=number(problem.parameter_upper[k]),
         support=number(problem.support[k]),
+        inner_prism=number(problem.inner_prism[k]),
+        kept_clear=number(problem.kept_clear[k]),
         meeting_center=number(center),
         meeting_axis=number(axis),
         sibling_penalty=number(proposal.sibling_penalty),

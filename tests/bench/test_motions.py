@@ -32,7 +32,7 @@ from dvr_jax.bench.motion_states import MotionStates, replay_states
 from dvr_jax.bench.motion_timing import fastest_duration, moving_parts, time_motion
 from dvr_jax.bench.motions import MotionsOptions
 from dvr_jax.bench.placement import carried_height, goal_placement
-from dvr_jax.bench.slow_hands import switching_arms
+from dvr_jax.bench.slow_hands import switching_rooms
 from dvr_jax.checker.loaded_arm import Load, LoadedArm
 from dvr_jax.errors import DvrError
 from dvr_jax.motion.motion import Motion, make_motion
@@ -145,8 +145,11 @@ class TestTiming:
         for part in parts:
             inside = travels[part.first : part.last + 1]
             np.testing.assert_allclose(inside, np.tile(inside[:1], (len(inside), 1)))
-        assert switching_arms(states, 0) == set()
-        assert switching_arms(states, parts[0].last) == {0}
+        assert switching_rooms(states, 0) == {}
+        # The box is grasped across its width; each finger can open to 4 cm from the middle.
+        width = case.scene.objects[0].size[0]
+        rooms = switching_rooms(states, parts[0].last)
+        assert rooms == {0: pytest.approx(0.04 - width / 2, abs=1e-3)}
 
         timing = time_motion(states)
         assert timing.moving < timing.duration - 0.5

@@ -321,8 +321,9 @@ class Elsewhere:
 
     region: Region
 
-    def supports(self) -> dict[str, object]:
-        return {}
+    @property
+    def regions(self) -> tuple[Region, ...]:
+        return (self.region,)
 
 
 def test_a_goal_is_one_function(carry: Case) -> None:

@@ -16,7 +16,7 @@ from dvr_jax.errors import MotionError, OptionError
 from dvr_jax.execution import DeviationCause, ExecutionConditions, ExecutionReport, execute
 from dvr_jax.execution.commands import grip_intervals, servo_commands
 from dvr_jax.execution.physics_model import build_execution_model
-from dvr_jax.motion.motion import Motion
+from dvr_jax.motion.motion import Motion, make_motion
 from dvr_jax.scene.layout import qpos_layout
 from dvr_jax.scene.mjcf import COLLISION_GROUP, LOOKS_GROUP, build_model, object_body_name
 from dvr_jax.scene.types import SceneObject
@@ -286,6 +286,23 @@ def test_an_object_that_is_carried_on_an_arc_stays_in_the_fingers(carry: Case) -
     fastest = np.linalg.norm(np.diff(speeds[1:], axis=0), axis=1).max() / step
     assert fastest > 1.5
     assert np.linalg.norm(np.diff(in_hand, axis=0).sum(axis=0)) < 5e-4
+
+
+def test_a_fast_wrist_stays_on_its_path(carry: Case) -> None:
+    """Joint 5 has 12 N m for its own inertia: at 2.4 rad/s, the lag is below a degree, and none at rest again."""
+    layout = qpos_layout(carry.scene)
+    joint = layout.arm_joints[0][4]
+    time = 0.02 * np.arange(61)
+    phase = np.clip(time / 1.0, 0, 1)
+    qpos = np.tile(carry.motion.qpos[0], (len(time), 1))
+    qpos[:, joint] += 1.28 * (10 * phase**3 - 15 * phase**4 + 6 * phase**5)
+    motion = make_motion(time, qpos, [])
+    assert np.abs(np.gradient(qpos[:, joint], time)).max() == pytest.approx(2.4, rel=0.01)
+
+    states = execute(carry.scene, [], motion).qpos
+    error = np.abs(states[: len(time), joint] - qpos[:, joint])
+    assert error.max() < np.deg2rad(1)
+    assert error[-1] < 2e-3
 
 
 def test_resting_arms_and_objects_stay_where_they_are(carry: Case) -> None:

@@ -16,7 +16,7 @@ from dvr_jax.logic import (
 from dvr_jax.logic.domain import shipped_actions, shipped_domain, shipped_header
 from dvr_jax.logic.grounder import Entity, ground_domain
 from dvr_jax.logic.parsing import parse_domain, read_domain
-from dvr_jax.logic.task import ground_task
+from dvr_jax.logic.task import ground_task_in, paper_task
 
 ARMS = ("left", "right")
 
@@ -242,7 +242,7 @@ def test_mistakes_are_named(text: str, message: str) -> None:
 def test_a_domain_that_does_not_fit_the_task(old: str, new: str, message: str) -> None:
     domain = parse_domain(OURS.replace(old, new))
     with pytest.raises(LogicError) as caught:
-        ground_task(domain, ["yellow"], "yellow", ARMS)
+        ground_task_in(domain, paper_task(["yellow"], "yellow", ARMS))
     assert message in str(caught.value)
 
 

@@ -37,6 +37,7 @@ SCALES = {
     "joint_limit": 0.1,
     "parameter_bound": 1.0,
     "footprint": 1.0,
+    "kept_clear": 1.0,
     "straight_line": [1.0, 1.0, 0.1, 0.1, 0.1],
     "straight_corridor": 1.0,
 }

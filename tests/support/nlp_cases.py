@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scene_cases import GOAL, SCENE, grasp, place
 from scipy.spatial.transform import Rotation
 
+from dvr_jax.goals import Clear, Goal, On
 from dvr_jax.logic import Action
 from dvr_jax.modes.mode import ModeKind
 from dvr_jax.nlp.evaluation import Violations, evaluate_constraints
@@ -19,7 +20,7 @@ from dvr_jax.nlp.slices import measure
 from dvr_jax.nlp.system import BorderedSystem
 from dvr_jax.nlp.transcription import transcribe
 from dvr_jax.runtime.compilation import CPU_OPTIONS
-from dvr_jax.scene.types import FixedBody, OnRegion, Region, Scene, SceneObject
+from dvr_jax.scene.types import FixedBody, Region, Scene, SceneObject
 from dvr_jax.scene.validation import make_scene
 from dvr_jax.workcell.model import WorkcellModel, workcell_model
 from dvr_jax.workcell.workcell import SIDE_BY_SIDE_WORKCELL, SINGLE_ARM_WORKCELL
@@ -114,13 +115,17 @@ SINGLE_ARM = Setting(
             SceneObject("yellow", "box", (0.05, 0.16, 0.10), (-0.15, 0.12), 0.5),
             SceneObject("can", "cylinder", (0.035, 0.14), (0.12, 0.0), 0.0),
         ],
-        OnRegion("yellow", Region((0.25, 0.2), 0.4, (0.22, 0.2))),
+        Goal((On("yellow", "goal"), Clear("spot"))),
         SINGLE_ARM_WORKCELL,
         [FixedBody("screen", "box", (0.5, 0.04, 0.4), (0.0, 0.04, 0.46), 0.1)],
+        [
+            Region((0.25, 0.2), 0.4, (0.22, 0.2)),
+            Region((-0.2, 0.3), 0.2, (0.3, 0.15), "spot"),
+        ],
     ),
     SINGLE_ARM_SKELETONS,
 )
-"""One arm, a box, a cylinder and a screen that hangs before it."""
+"""One arm, a box, a cylinder, a screen that hangs before it, and a region that has to be clear."""
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from dvr_jax.checker.shapes import FACE_NORMALS
-from dvr_jax.checker.supports import support_areas
 from dvr_jax.scene.types import Scene
 
 Arguments = Mapping[str, str]
@@ -40,7 +39,7 @@ def _faces(scene: Scene) -> tuple[str, ...]:
 
 
 def _support_names(scene: Scene) -> tuple[str, ...]:
-    return tuple(support_areas(scene))
+    return tuple(scene.supports())
 
 
 ARM = Parameter("arm", "arms", _arm_names)

@@ -12,6 +12,7 @@ from dvr_jax.nlp.blocks.block import (
 from dvr_jax.nlp.blocks.collision import COLLISION
 from dvr_jax.nlp.blocks.footprint import FOOTPRINT
 from dvr_jax.nlp.blocks.joint_limit import JOINT_LIMIT
+from dvr_jax.nlp.blocks.kept_clear import KEPT_CLEAR
 from dvr_jax.nlp.blocks.mode_switch import MODE_SWITCH
 from dvr_jax.nlp.blocks.parameter_bound import PARAMETER_BOUND
 from dvr_jax.nlp.blocks.rest import REST
@@ -24,6 +25,7 @@ CONSTRAINT_BLOCKS: tuple[ConstraintBlock, ...] = (
     JOINT_LIMIT,
     PARAMETER_BOUND,
     FOOTPRINT,
+    KEPT_CLEAR,
     STRAIGHT_LINE,
     STRAIGHT_CORRIDOR,
 )
@@ -34,6 +36,7 @@ __all__ = [
     "CONSTRAINT_BLOCKS",
     "FOOTPRINT",
     "JOINT_LIMIT",
+    "KEPT_CLEAR",
     "MODE_SWITCH",
     "PARAMETER_BOUND",
     "REST",

@@ -61,6 +61,9 @@ class Horizon:
     collision_rows: int
     """Number P of distances at each sample."""
 
+    kept_clear: int = 0
+    """Number C of regions that have to be clear at the end."""
+
     @property
     def is_path(self) -> bool:
         """Whether the NLP is a path NLP: there are slices between the switches."""

@@ -1,5 +1,7 @@
 """The footprint block requires that an object that an action places lies within the rectangle of its support.
 
+Where only the object's center has to lie within the support, the footprint is a point.
+
 It has 16 rows g for each action, in the support's own frame: the distances by which each of the four corners of the
 object's footprint extends beyond each of the sides +x, +y, -x and -y of the support [m]. The footprint of a prism
 (hx, hy, hz, r) that is turned by the angle ``a`` with respect to the support is a rectangle with rounded corners of the
@@ -67,7 +69,7 @@ def _overhang(
     problems: Problem, m: Array
 ) -> tuple[Float[Array, "batch phases 16"], Float[Array, "batch phases 16 parameters"]]:
     """Compute the overhang of every switched object at four sides [m], and its derivatives by the mode parameters."""
-    prism = jnp.take_along_axis(problems.prism, problems.switched_object[..., None], axis=1)
+    prism = jnp.asarray(problems.inner_prism)
     support = jnp.asarray(problems.support)
     B, K = support.shape[:2]
 
