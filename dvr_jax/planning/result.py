@@ -39,8 +39,8 @@ class Plan:
     violations: dict[str, float]
     """Largest violation of each kind of constraint in the path NLP [m or rad]; empty unless solved."""
     seconds: dict[str, float]
-    """Time spent on each stage, and "total" [s]; "longer" is the part of all stages that went into sequences of more than
-    `k_max` actions."""
+    """Time spent on each stage, and "total" [s]; "longer" is the part of all stages that went into sequences of more
+    than `k_max` actions."""
     nlps: dict[str, int]
     """Number of NLPs solved for each bound; every start counts."""
     verdicts: dict[str, int]

@@ -51,7 +51,7 @@ def test_a_motion_that_no_start_finds_refutes_the_scene() -> None:
 
 
 def test_a_scene_that_is_refuted_by_motions_gets_its_answer_from_few_paths() -> None:
-    result = plan(NO_LIFT, "mbts", time_limit=600)
+    result = plan(NO_LIFT, "mbts", time_limit=3600)
     assert not result.solved and result.options["k_max"] == 6
     assert result.reason is not None and "yellow" in result.reason.sentence
     # Without motion windows, the paths of more than two hundred sequences fail.
@@ -61,7 +61,7 @@ def test_a_scene_that_is_refuted_by_motions_gets_its_answer_from_few_paths() -> 
 @pytest.mark.parametrize("index", [3, 9])
 def test_motions_of_accepted_plans_are_not_refuted(index: int) -> None:
     scene = scene_of_seed(6, index, 2)
-    solved = plan(scene, "mbts", termination="feasible")
+    solved = plan(scene, "mbts", termination="feasible", time_limit=3600)
     assert solved.solved and len(solved.actions) >= 4
     with jax.enable_x64(True):
         tree = SequenceTree(scene, 6, seed=1)
