@@ -4,7 +4,6 @@ import jax
 import pytest
 from relaxation_cases import single
 
-from dvr_jax.planning import planner
 from dvr_jax.search import searches
 from dvr_jax.search.searches import SPARE_ACTIONS, search
 from dvr_jax.search.session import Outcome
@@ -36,17 +35,3 @@ def test_the_answer_is_about_what_was_searched_completely(monkeypatch: pytest.Mo
     tree, found = search_from_one_action()
     assert found.status == PlanStatus.EXHAUSTED and tree.k_max == 1
     assert found.longer is not None and found.longer.k_max == 2 + SPARE_ACTIONS
-
-
-def test_a_plan_says_how_long_longer_sequences_were_searched(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(searches, "LONGER_WORK", 0)
-    monkeypatch.setattr(planner, "USUAL_K_MAX", 1)
-    result = planner.plan(EASY, "mbts")
-    assert result.status == PlanStatus.EXHAUSTED
-    assert result.options["k_max"] == 1 and result.options["longer_k_max"] == 2 + SPARE_ACTIONS
-    assert 0 < result.seconds["longer"] <= result.seconds["total"]
-    # With a limit that the caller states there is nothing beyond it.
-    stated = planner.plan(EASY, "mbts", k_max=1)
-    assert stated.status == PlanStatus.EXHAUSTED and "longer_k_max" not in stated.options
