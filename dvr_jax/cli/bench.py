@@ -53,6 +53,13 @@ BENCHMARKS: dict[str, Benchmark] = {
     "relaxation": Benchmark(
         "relaxation", "lower bounds on the number of actions beside the tree's verdicts"
     ),
+    "unsolvable": Benchmark(
+        "unsolvable",
+        "seconds until the answer for scenes without a solution, beside earlier results",
+    ),
+    "needless": Benchmark(
+        "needless", "plans of dvr with more actions than those of mbts, with and without --shortest"
+    ),
     "dataset": Benchmark(
         "dataset", "labels and training targets of folders of shards, beside the paper's"
     ),

@@ -189,6 +189,11 @@ def _print_plan(result: Plan, options: PlanOptions) -> None:
     else:
         k_max = result.options["k_max"]
         print(f"none found: {result.status} (at most {k_max} actions, {options.time_limit:g} s)")
+        if "longer_k_max" in result.options:
+            print(
+                f"sequences of up to {result.options['longer_k_max']} actions were searched for "
+                f"{result.seconds['longer']:.1f} s without a result (--k-max searches all of them)"
+            )
         _print_reasons(result)
 
     nlps = ", ".join(f"{count} {bound}" for bound, count in result.nlps.items())

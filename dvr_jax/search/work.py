@@ -62,6 +62,13 @@ Steps = Generator[Request, Any, T]
 """A computation that yields requests for work, is sent the replies, and returns a result of type T."""
 
 
+def work_of(request: Request) -> int:
+    """Return the number of slices that a request is about: those of its NLPs, or one for each beam."""
+    if isinstance(request, ExtendBeams):
+        return len(request.tasks)
+    return sum(len(start.q) for start in request.starts)
+
+
 def run_alone(steps: Steps[T]) -> T:
     """Run one computation to its end and return its result."""
     return next(run_together([steps]))[1]

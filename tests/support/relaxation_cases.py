@@ -86,3 +86,20 @@ BORDERLINE = Scene(
     OnRegion("target", Region((-0.4, 0.0), 0.0, (0.05, 0.04))),
 )
 """The second blocker overlaps with each placement of the target by little more than the tolerances of the check."""
+
+NO_LIFT = Scene(
+    (
+        SceneObject(
+            "yellow",
+            "box",
+            (0.0239556, 0.0239556, 0.0239556),
+            (-0.1808518, -0.6950229),
+            -0.8857563,
+        ),
+    ),
+    OnRegion("yellow", Region((-0.3145364, 0.0438701), 0.8326607, (0.0384606, 0.0384606))),
+)
+"""The left arm, which alone reaches the cube, has keyframes of all grasps, but no straight motion to the cube."""
+
+NO_LIFT_ACTIONS = ("grasp(left, -y, yellow)", "place(left, yellow, goal)")
+"""A sequence whose keyframes are feasible there."""
