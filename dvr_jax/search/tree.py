@@ -128,6 +128,23 @@ class SequenceTree:
             node.children_limit = self.k_max
         return [child for child in node.children if self._may_be_solved(child)]
 
+    def descend(self, actions: Sequence[Action]) -> Node | None:
+        """Return the node of a sequence that the logic allows; None if a bound is known to refute a prefix of it.
+
+        Args:
+            actions: The sequence. Of its prefixes, no other children are examined.
+        """
+        node = self.root
+        for action in actions:
+            known = {child.actions[-1]: child for child in node.children or ()}
+            child = self._child(node, self.grounding.index(action), known)
+            if child is None or not self._may_be_solved(child):
+                return None
+            if action not in known:
+                node.children = [*(node.children or ()), child]
+            node = child
+        return node
+
     def _child(self, node: Node, index: int, known: dict[Action, Node]) -> Node | None:
         """Return the child of a node by one action; None if the symbolic bound refutes it or it is a duplicate."""
         action = self.grounding.actions[index]
@@ -176,6 +193,15 @@ class SequenceTree:
         if not self.is_relaxed:
             return [True] * len(nodes)
         return (yield from self.relaxation.judge_windows(nodes, least))
+
+    def judge_motions(self, leaf: Node) -> Steps[None]:
+        """Judge the motions of the windows of a leaf whose path has failed."""
+        if self.is_relaxed:
+            yield from self.relaxation.judge_motions(leaf)
+
+    def is_motion_refuted(self, leaf: Node) -> bool:
+        """Return whether a window of a leaf is known to have no motion, which refutes the leaf."""
+        return self.is_relaxed and self.relaxation.is_motion_refuted(leaf)
 
     def judge_sequences(self, nodes: list[Node]) -> Steps[None]:
         """Compute the sequence bound of nodes whose parents have passed it."""
