@@ -1,7 +1,8 @@
 """Do the reasons of refuted sequences hold? The scene is changed by what a reason states, and judged again.
 
 What a reason names is removed or shrunk, or moved by the stated distance, and the refuted actions are judged with
-another seed. The reason holds if they are possible then.
+another seed. The reason holds if they pass the bound that refuted them then: their keyframes exist, and also a path if
+the path bound or the check has refuted them.
 """
 
 from __future__ import annotations
@@ -38,6 +39,9 @@ DRAWN = 12
 KEPT = 4
 """Refuted sequences of one scene, each refuted by other actions."""
 
+PATH_BOUNDS = ("path", "check")
+"""Bounds that refute sequences whose keyframes exist."""
+
 SPARE = 2e-3
 """Added to a size by which something is shrunk or grown [m]."""
 
@@ -59,28 +63,30 @@ class ReasonsOptions:
 
 
 def run(arguments: list[str]) -> int:
-    """Print the share of reasons that hold, by kind."""
+    """Print the share of reasons that hold, by kind, by bound, and by whether they are confirmed."""
     options = tyro.cli(ReasonsOptions, prog="python -m dvr_jax.bench reasons", args=arguments)
     if options.number < 1 or options.seed < 0 or not 2 <= options.objects <= 8:
         raise DvrError(
             f"--number is {options.number}, --seed {options.seed}, --objects {options.objects}; "
             "valid are 1 or more, 0 or more, and 2 to 8."
         )
-    drawn: Counter[ReasonKind] = Counter()
-    held: Counter[ReasonKind] = Counter()
+    drawn: Counter[str] = Counter()
+    held: Counter[str] = Counter()
     for scene, verdict in draw_refuted(options):
         assert verdict.reason is not None
-        drawn[verdict.reason.kind] += 1
         is_right = holds(scene, verdict)
-        held[verdict.reason.kind] += is_right
+        state = "confirmed" if verdict.reason.confirmed else "not confirmed"
+        for group in (verdict.reason.kind, f"bound {verdict.bound}", state):
+            drawn[group] += 1
+            held[group] += is_right
         mark = "holds" if is_right else "does not hold"
         print(f"  {mark}: {verdict.bound}: {verdict.reason}", file=sys.stderr, flush=True)
 
-    total = sum(drawn.values())
-    share = sum(held.values()) / total
-    for kind, count in sorted(drawn.items()):
-        print(f"{kind}: {held[kind]} of {count} hold")
-    print(f"all: {sum(held.values())} of {total} hold ({share:.0%})")
+    right = held["confirmed"] + held["not confirmed"]
+    share = right / options.number
+    for group, count in sorted(drawn.items()):
+        print(f"{group}: {held[group]} of {count} hold")
+    print(f"all: {right} of {options.number} hold ({share:.0%})")
     if options.out is not None:
         save_metrics(
             options.out, "reasons", [Metric("reasons that hold", share, "", Direction.HIGHER)]
@@ -104,7 +110,9 @@ def draw_refuted(options: ReasonsOptions) -> Iterator[tuple[Scene, Verdict]]:
             scene, _draw_sequences(scene, generator), confirm_reasons=options.confirm
         )
         refuted = {v.refuted: v for v in verdicts if v.reason is not None}
-        for verdict in list(refuted.values())[: min(KEPT, options.number - count)]:
+        # Few sequences are refuted by the path bound alone; where there is one, it counts.
+        ordered = sorted(refuted.values(), key=lambda v: v.bound not in PATH_BOUNDS)
+        for verdict in ordered[: min(KEPT, options.number - count)]:
             count += 1
             yield scene, verdict
 
@@ -142,14 +150,19 @@ def holds(scene: Scene, verdict: Verdict, seed: int = 17) -> bool:
         changed = _moved(scene, reason)
     elif reason.kind == ReasonKind.FOOTPRINT:
         changed = _resized(scene, reason)
-    elif reason.kind == ReasonKind.COLLISION and any(name in known for name in named):
+    elif any(name in known for name in named) and reason.kind in (
+        ReasonKind.COLLISION,
+        ReasonKind.MOTION,
+    ):
         name = next(name for name in named if name in known)
         changed = without_body(scene, name)
         actions = tuple(a for a in actions if object_of(a, OPERATORS) != name)
     else:
         return False
+    has_motion = verdict.bound in PATH_BOUNDS
     with jax.enable_x64(True):
-        return bool(actions) and run_alone(is_possible(changed, actions, seed, OPERATORS))
+        steps = is_possible(changed, actions, seed, OPERATORS, has_motion)
+        return bool(actions) and run_alone(steps)
 
 
 def _moved(scene: Scene, reason: Reason) -> Scene:

@@ -134,5 +134,29 @@ class ResultsFile:
             append_line(self.path, _to_line(row))
 
 
+def read_results(path: Path, of: str = "scene") -> tuple[Row, dict[int, Row]]:
+    """Read a file of results of any version.
+
+    Args:
+        path: JSON Lines file.
+        of: what a row is a result of, which is also the key of its number.
+
+    Returns:
+        The options of its header, and its rows by their number.
+
+    Raises:
+        DvrError: The file is missing or holds no results.
+    """
+    try:
+        lines = read_whole(path).decode("utf-8", errors="replace").splitlines(keepends=True)
+        complete = [line for line in lines if line.endswith("\n")]
+        header, *rows = (parse_json(line, constants=True) for line in complete)
+        return dict(header["options"]), {int(row[of]): row for row in rows}
+    except OSError as error:
+        raise DvrError(f"{path} cannot be read: {error.strerror}.") from None
+    except (ValueError, LookupError, TypeError, AttributeError) as error:
+        raise DvrError(f"{path} holds no results of a benchmark ({error}).") from None
+
+
 def _to_line(row: Row) -> str:
     return json.dumps(row) + "\n"

@@ -30,7 +30,7 @@ from dvr_jax.scene.sampling import sample_scenes
 from dvr_jax.search.node import Node
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import run_alone
-from dvr_jax.seeds.beam_batches import BeamTask, extend_beams, lane_counts
+from dvr_jax.seeds.beam_batches import BeamTask, extend_beams
 from dvr_jax.seeds.initial_paths import initial_path, keyframe_start, path_problem
 from dvr_jax.seeds.keyframe_beam import CERTIFIED_PENETRATION
 from dvr_jax.solver.iteration import evaluate_trials, initial_states, lay_out_chunks, measure_chunk
@@ -145,7 +145,6 @@ def time_keyframes(nodes: Sequence[Node], length: int) -> KeyframeTimes:
     """
     batch = [node for node in nodes if node.depth == length]
     tasks = [_beam_task(node) for node in batch]
-    lanes = lane_counts(tasks)
     model = workcell_model(DEFAULT_WORKCELL)
     settings = Settings()
 
@@ -153,7 +152,7 @@ def time_keyframes(nodes: Sequence[Node], length: int) -> KeyframeTimes:
     nlp_seconds = []
     for _ in range(KEYFRAME_REPEATS):
         begin = time.perf_counter()
-        extended = extend_beams(model, tasks, lanes, 0)
+        extended = extend_beams(model, tasks, 0)
         middle = time.perf_counter()
 
         left = [

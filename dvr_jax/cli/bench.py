@@ -53,10 +53,20 @@ BENCHMARKS: dict[str, Benchmark] = {
     "relaxation": Benchmark(
         "relaxation", "lower bounds on the number of actions beside the tree's verdicts"
     ),
+    "unsolvable": Benchmark(
+        "unsolvable",
+        "seconds until the answer for scenes without a solution, beside earlier results",
+    ),
+    "needless": Benchmark(
+        "needless", "plans of dvr with more actions than those of mbts, with and without --shortest"
+    ),
     "dataset": Benchmark(
         "dataset", "labels and training targets of folders of shards, beside the paper's"
     ),
     "speed": Benchmark("speed", "times of a slice's system, of keyframes and of paths"),
+    "startup": Benchmark(
+        "startup", "what a machine's first plan compiles, and the time of the same plan again"
+    ),
     "optimality": Benchmark(
         "optimality", "costs of optimized paths beside ten times the iterations (10 minutes)"
     ),

@@ -118,6 +118,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
             termination=options.termination,
             shortest=options.shortest,
         )
+    if not result.solved and result.reason is None:
+        from dvr_jax.planning.causes import with_causes
+
+        with Progress("looking for the causes"):
+            result = with_causes(result)
     if options.out is not None:
         # Written before anything is printed, because the reader of the output may have gone.
         with Progress("drawing the pictures"):
@@ -184,6 +189,11 @@ def _print_plan(result: Plan, options: PlanOptions) -> None:
     else:
         k_max = result.options["k_max"]
         print(f"none found: {result.status} (at most {k_max} actions, {options.time_limit:g} s)")
+        if "longer_k_max" in result.options:
+            print(
+                f"sequences of up to {result.options['longer_k_max']} actions were searched for "
+                f"{result.seconds['longer']:.1f} s without a result (--k-max searches all of them)"
+            )
         _print_reasons(result)
 
     nlps = ", ".join(f"{count} {bound}" for bound, count in result.nlps.items())

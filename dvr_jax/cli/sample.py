@@ -30,6 +30,8 @@ class SampleOptions:
     """Fraction of the boxes that are small cubes, which one arm cannot hand to the other in the air."""
     workcell: str = "facing"
     """Arms and table: facing (the paper's), facing-1.0, facing-1.6, side-by-side or single."""
+    goals: int = 1
+    """Number of objects that shall stand on the target; with more than one, all hands shall be empty too."""
     fixed: tuple[int, int] = (0, 0)
     """Least and largest number of fixed bodies in each scene."""
 
@@ -62,7 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     scenes = []
     with Progress("drawing", options.number, "scenes") as progress:
         for scene in sample_scenes(
-            options.number, options.objects, options.seed, distribution, workcell
+            options.number, options.objects, options.seed, distribution, workcell, options.goals
         ):
             scenes.append(scene)
             progress.advance()

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, UInt8
 from PIL import Image, ImageDraw
 
 from dvr_jax.drawing.lettering import GAP, INK, PAPER, Ink, Line, write_line
+from dvr_jax.goals import OnRegion
 from dvr_jax.runtime.files import write_whole
 from dvr_jax.scene.camera import FARTHEST_DEPTH, DepthImage, render_depth
 from dvr_jax.scene.colors import GOAL_COLOR, object_colors
@@ -155,7 +156,9 @@ def _masks_of(scene: Scene, view: DepthImage) -> list[_Mask]:
 
     goal_color = tuple(round(255 * channel) for channel in GOAL_COLOR)
 
-    return [*masks, _Mask(view.goal_mask, "goal region", goal_color)]
+    title = "goal region" if isinstance(scene.goal, OnRegion) else "regions"
+
+    return [*masks, _Mask(view.goal_mask, title, goal_color)]
 
 
 def _colors_of(view: DepthImage, scale: _Scale) -> UInt8[np.ndarray, "height width 3"]:

@@ -10,9 +10,10 @@ from PIL import Image, ImageDraw
 from dvr_jax.drawing.lettering import BAND, GAP, PAPER, SOFT_INK, Line, write_line
 from dvr_jax.drawing.picture import render_states
 from dvr_jax.errors import DvrError
+from dvr_jax.goals import OnRegion
 from dvr_jax.motion.motion import Motion
 from dvr_jax.runtime.files import write_whole
-from dvr_jax.scene.colors import SPELLINGS, object_color_names
+from dvr_jax.scene.colors import SPELLINGS, object_color_names, region_color_names
 from dvr_jax.scene.mjcf import build_model
 from dvr_jax.scene.types import Scene
 
@@ -96,12 +97,14 @@ def encode_film(scene: Scene, action_descriptions: Sequence[str], motion: Motion
 
 
 def _write_title(draw: ImageDraw.ImageDraw, scene: Scene, width: int) -> None:
-    """The goal, and beside it the color of each object whose name is not its color."""
+    """The goal, and beside it the color of each region and of each object whose name is not its color."""
     middle = GAP + TITLE_HEIGHT // 2 - 4
     room = width - 2 * GAP
     end = write_line(draw, (GAP, middle), Line(f"goal: {scene.goal.sentence()}", 25, room))
 
-    pairs = zip(scene.object_names, object_color_names(scene), strict=True)
+    pairs = [*zip(scene.object_names, object_color_names(scene), strict=True)]
+    if not isinstance(scene.goal, OnRegion):
+        pairs = [*zip(scene.region_names, region_color_names(scene), strict=True), *pairs]
     legend = ", ".join(
         f"{name} is {color}" for name, color in pairs if SPELLINGS.get(name, name) != color
     )

@@ -78,14 +78,15 @@ def signed_distance(first: Footprint, second: Footprint) -> float:
     return _rectangle_distance(first, second)
 
 
-def inside(inner: Footprint, outer: Rectangle) -> bool:
+def inside(inner: Footprint, outer: Rectangle, tolerance: float = BORDER_TOLERANCE) -> bool:
     """Whether a footprint lies fully within a rectangle; touching the border counts as inside.
 
     Args:
         inner: The footprint.
         outer: The rectangle.
+        tolerance: Distance by which the footprint may reach over the border [m].
     """
-    half = np.asarray(outer.half) + BORDER_TOLERANCE
+    half = np.asarray(outer.half) + tolerance
     if isinstance(inner, Circle):
         local = _to_local(inner.center, outer)
         return bool(np.all(np.abs(local) + inner.radius <= half))

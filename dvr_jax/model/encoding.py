@@ -27,7 +27,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from dvr_jax.errors import DvrError
-from dvr_jax.goals import GOAL_REGION, TABLE, OnRegion
+from dvr_jax.goals import GOAL_REGION, TABLE
 from dvr_jax.logic import Action, Grounding, domain_signature
 from dvr_jax.logic.errors import listed
 from dvr_jax.operators import OPERATORS, Operator, Parameter
@@ -267,8 +267,6 @@ def unfit_reason(scene: Scene, operators: Sequence[Operator]) -> str | None:
     """
     if _placement(scene.workcell) != _placement(TRAINED_WORKCELL):
         return "it was trained in the usual workcell of two arms that face each other, and this scene has another one"
-    if not isinstance(scene.goal, OnRegion) or scene.regions:
-        return "it was trained for one object on one region, and this scene has another goal"
     unknown = [operator.name for operator in operators if operator not in OPERATORS]
     if unknown:
         return f"it does not know the operator {listed(unknown)}"

@@ -58,6 +58,7 @@ class _ReasonFile(msgspec.Struct, forbid_unknown_fields=True):
     amount: float | None
     """None if it is not known."""
     sentence: str
+    confirmed: bool = True
 
 
 class _RefutationFile(msgspec.Struct, forbid_unknown_fields=True):
@@ -162,13 +163,17 @@ def _encode_actions(actions: Sequence[Action]) -> tuple[_ActionFile, ...]:
 def _encode_reason(reason: Reason) -> _ReasonFile:
     """Return a reason as it stands in plan.json."""
     amount = reason.amount if math.isfinite(reason.amount) else None
-    return _ReasonFile(reason.kind, reason.action, reason.bodies, amount, reason.sentence)
+    return _ReasonFile(
+        reason.kind, reason.action, reason.bodies, amount, reason.sentence, reason.confirmed
+    )
 
 
 def _decode_reason(record: _ReasonFile) -> Reason:
     """Return the reason of a record."""
     amount = math.nan if record.amount is None else record.amount
-    return Reason(record.kind, record.action, record.bodies, amount, record.sentence)
+    return Reason(
+        record.kind, record.action, record.bodies, amount, record.sentence, record.confirmed
+    )
 
 
 def _decode_refutation(record: _RefutationFile) -> Refutation:

@@ -37,6 +37,7 @@ from dvr_jax.search.compile_ahead import compiling_ahead
 from dvr_jax.search.explanation import explain_scene, promising_refutations
 from dvr_jax.search.node import Node
 from dvr_jax.search.predictor import Encoding, Images, SequencePredictor
+from dvr_jax.search.searches import has_several_facts
 from dvr_jax.search.searches import search as run_search
 from dvr_jax.search.session import Outcome
 from dvr_jax.search.tree import SequenceTree
@@ -70,7 +71,9 @@ def plan(
         search: "dvr" (guided by a network as in the paper), "classifier" (guided by a feasibility classifier), "mbts"
             (multi-bound tree search) or "bfs" (breadth-first search).
         k_max: Largest number of actions, 1 to 50. None allows 6 actions, and if no sequence of so many solves the
-            scene, up to the lower bound on the number of actions plus 4.
+            scene, up to the lower bound on the number of actions plus 4. These longer sequences are searched with a
+            limited effort; if it does not suffice, the answer is about 6 actions, and `Plan.options` has the entry
+            "longer_k_max" and `Plan.seconds` the entry "longer".
         seed: Seed of all sampling, from 0. The same seed gives the same plan.
         time_limit: Time after which the search gives up [s]. The clock is read between batches, so the search can
             exceed the limit by a few seconds. The time includes compilation, which takes most of a minute for the
@@ -127,7 +130,7 @@ def plan(
 
     # Tolerances of a micrometer need double precision. It is switched on here and not on import, because the import of
     # a package must not change the programs of others.
-    ahead = compiling_ahead(planned, k_max, chosen_network, operators, mode)
+    ahead = compiling_ahead(planned, k_max, chosen_network, operators, mode, tree.relaxation)
     with jax.enable_x64(True), ahead as watch:
         outcome = run_search(
             search,
@@ -140,9 +143,12 @@ def plan(
             is_limit_open=is_limit_open,
             shortest=shortest,
         )
-    if is_limit_open and outcome.node is None:
-        # The search has raised the limit to this number.
+    if is_limit_open and (outcome.node is None or has_several_facts(planned)):
+        # If all longer sequences are refuted too, the search has raised the limit to this number.
         options["k_max"] = tree.k_max
+    if outcome.longer is not None:
+        options["longer_k_max"] = outcome.longer.k_max
+        outcome.seconds["longer"] = outcome.longer.seconds
 
     found = _make_plan(tree, outcome, acceptance, options, total_seconds=time.monotonic() - begin)
     return replace(found, scene=scene)

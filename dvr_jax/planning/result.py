@@ -39,7 +39,8 @@ class Plan:
     violations: dict[str, float]
     """Largest violation of each kind of constraint in the path NLP [m or rad]; empty unless solved."""
     seconds: dict[str, float]
-    """Time spent on each stage, and "total" [s]."""
+    """Time spent on each stage, and "total" [s]; "longer" is the part of all stages that went into sequences of more
+    than `k_max` actions."""
     nlps: dict[str, int]
     """Number of NLPs solved for each bound; every start counts."""
     verdicts: dict[str, int]
@@ -53,7 +54,8 @@ class Plan:
     """The refuted sequences, or beginnings of sequences, that came closest to a solution; empty if solved."""
     options: dict[str, object] = field(default_factory=dict)
     """Search, k_max, seed, checksum of the network (None without one), time limit (None if infinite) [s], factor of the
-    clearances, termination of the path, and whether the least number of actions was asked for."""
+    clearances, termination of the path, and whether the least number of actions was asked for. The entry
+    "longer_k_max" says up to how many actions longer sequences were searched without a result."""
     operators: tuple[Operator, ...] = OPERATORS
     """Operators of the actions; they are not compared and not written to disk."""
 

@@ -21,6 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.experimental import serialize_executable
 
+from dvr_jax.runtime.compile_times import compile_program
 from dvr_jax.runtime.file_lock import only_process
 from dvr_jax.runtime.load_ahead import load_in_background, take_loaded
 from dvr_jax.runtime.program_files import (
@@ -132,7 +133,7 @@ class Program(Generic[_P, _R]):
 
         _compiling.append(self._function.__qualname__)
         try:
-            return jax.jit(self._function, compiler_options=options).lower(*args).compile()
+            return compile_program(self._function, args, options)
         finally:
             _compiling.remove(self._function.__qualname__)
 

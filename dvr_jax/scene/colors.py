@@ -26,6 +26,19 @@ SPELLINGS = {"grey": "gray"}
 GOAL_COLOR: Color = (0.85, 0.10, 0.10)
 """Color of the goal region. To keep it apart, no object takes "red" unless it is named so."""
 
+REGION_PALETTE: dict[str, Color] = {
+    "red": GOAL_COLOR,
+    "teal": (0.10, 0.50, 0.48),
+    "olive": (0.50, 0.52, 0.15),
+    "plum": (0.55, 0.20, 0.45),
+    "navy": (0.15, 0.22, 0.50),
+    "rust": (0.62, 0.28, 0.12),
+    "slate": (0.32, 0.38, 0.42),
+    "moss": (0.25, 0.42, 0.18),
+    "wine": (0.45, 0.10, 0.20),
+}
+"""Colors of regions by name, in the order in which regions take them; the first one is that of the paper's goal."""
+
 FIXED_COLOR: Color = (0.60, 0.59, 0.55)
 """Color of all fixed bodies: darker than the table, grayer than any object."""
 
@@ -41,3 +54,13 @@ def object_color_names(scene: Scene) -> tuple[str, ...]:
 def object_colors(scene: Scene) -> tuple[Color, ...]:
     """Color of each object, in the scene's order."""
     return tuple(PALETTE[name] for name in object_color_names(scene))
+
+
+def region_color_names(scene: Scene) -> tuple[str, ...]:
+    """Name the color of each region, in the order of `Scene.all_regions`."""
+    return tuple(REGION_PALETTE)[: len(scene.all_regions)]
+
+
+def region_colors(scene: Scene) -> tuple[Color, ...]:
+    """Color of each region, in the order of `Scene.all_regions`."""
+    return tuple(REGION_PALETTE[name] for name in region_color_names(scene))

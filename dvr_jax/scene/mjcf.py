@@ -19,7 +19,7 @@ from jaxtyping import Float
 
 from dvr_jax.errors import SceneError
 from dvr_jax.goals import GOAL_REGION
-from dvr_jax.scene.colors import FIXED_COLOR, GOAL_COLOR, Color, object_colors
+from dvr_jax.scene.colors import FIXED_COLOR, Color, object_colors, region_colors
 from dvr_jax.scene.layout import Layout, home_qpos, qpos_layout, yaw_quaternion
 from dvr_jax.scene.pinhole import SCENE_CAMERA
 from dvr_jax.scene.types import FixedBody, Scene, SceneObject
@@ -242,7 +242,7 @@ def _add_fixed_body(world: mujoco.MjsBody, fixed: FixedBody) -> None:
 
 
 def _add_regions(world: mujoco.MjsBody, scene: Scene) -> None:
-    for item in scene.all_regions:
+    for item, color in zip(scene.all_regions, region_colors(scene), strict=True):
         region = item.footprint
         world.add_geom(
             name=item.name if item.name == GOAL_REGION else f"region {item.name}",
@@ -251,7 +251,7 @@ def _add_regions(world: mujoco.MjsBody, scene: Scene) -> None:
             quat=yaw_quaternion(region.yaw),
             size=[*region.half, GOAL_THICKNESS / 2],
             group=GOAL_GROUP,
-            rgba=[*GOAL_COLOR, 1.0],
+            rgba=[*color, 1.0],
             # Like the looks of the arms: the geom meets nothing, yet has a bounding box for mj_multiRay.
             contype=2,
             conaffinity=0,

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 from dvr_jax.errors import OptionError
 from dvr_jax.scene import sampling
+from dvr_jax.scene.goal_sampling import scene_with_goals
 from dvr_jax.scene.sampling import DEFAULT_DISTRIBUTION, SceneDistribution
 from dvr_jax.scene.types import Scene
 from dvr_jax.workcell.workcell import DEFAULT_WORKCELL, Workcell
@@ -18,6 +19,7 @@ def sample_scenes(
     seed: int = 0,
     distribution: SceneDistribution = DEFAULT_DISTRIBUTION,
     workcell: Workcell = DEFAULT_WORKCELL,
+    goals: int = 1,
 ) -> Iterator[Scene]:
     """Draw random valid scenes, one after the other.
 
@@ -27,6 +29,8 @@ def sample_scenes(
         seed: Seed, from 0. Scene i of a seed is the same whatever `number` is.
         distribution: Shapes, ranges of sizes and positions, and number of fixed bodies.
         workcell: Arms and table of all scenes, for instance `WORKCELLS["single"]`.
+        goals: Number of objects that shall stand on the region. With 1, the goal is the paper's; with more, all hands
+            shall be empty too.
 
     Returns:
         An iterator over the scenes.
@@ -47,7 +51,14 @@ def sample_scenes(
             f"workcell is of the type {type(workcell).__name__}; valid is a Workcell."
         )
 
-    return sampling.sample_scenes(number, objects, seed, distribution, workcell)
+    goals = _whole_number("goals", goals)
+    if not 1 <= goals <= objects:
+        raise OptionError(f"goals is {goals}; valid is 1 to the number of objects, {objects}.")
+
+    scenes = sampling.sample_scenes(number, objects, seed, distribution, workcell)
+    if goals == 1:
+        return scenes
+    return (scene_with_goals(scene, goals, (seed, index)) for index, scene in enumerate(scenes))
 
 
 def _whole_number(name: str, value: object) -> int:

@@ -11,6 +11,10 @@ RESERVED_CHARACTERS = "(),"
 OVERLAP_TOLERANCE = 1e-9
 """Bodies may overlap by this much [m]: bodies that touch exactly are valid in spite of rounding."""
 
+CONTACT_TOLERANCE = 9e-4
+"""Objects may overlap each other and fixed bodies, and reach off the table, by this much [m]: a plan may leave them so.
+The planner and the check tolerate 1 mm."""
+
 SMALLEST_SIZE = 1e-3
 """No body is thinner than this [m]: below, the physics and the distances lose their meaning."""
 

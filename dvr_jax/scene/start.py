@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dvr_jax.geometry.footprint import Circle, Footprint, Rectangle, inside, signed_distance
+from dvr_jax.geometry.footprint import Circle, Footprint, inside, signed_distance
 from dvr_jax.goals import EndCondition, GoalWorld, Inside, OnRegion, Region
 from dvr_jax.logic import Fact, Task
 from dvr_jax.scene.types import Scene, SceneObject
@@ -20,13 +20,10 @@ def is_inside(item: SceneObject, region: Region, tolerance: float = START_TOLERA
         region: The region.
         tolerance: Distance by which the object may reach over the border [m].
     """
-    area = region.footprint
-    width, depth = area.half
-    grown = Rectangle(area.center, (width + tolerance, depth + tolerance), area.yaw)
     footprint: Footprint = item.footprint
     if region.inside == Inside.CENTER:
         footprint = Circle(item.position, 0.0)
-    return inside(footprint, grown)
+    return inside(footprint, region.footprint, tolerance)
 
 
 def is_touching(item: SceneObject, region: Region, tolerance: float = START_TOLERANCE) -> bool:

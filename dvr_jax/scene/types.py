@@ -36,7 +36,7 @@ MAXIMUM_FIXED_BODIES = 16
 """A scene has at most this many fixed bodies."""
 
 MAXIMUM_REGIONS = 8
-"""A scene has at most this many regions."""
+"""A scene has at most this many regions of its own."""
 
 
 USUAL_DENSITY = 300.0

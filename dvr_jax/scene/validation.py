@@ -17,6 +17,7 @@ from dvr_jax.goals import Goal, OnRegion, Region
 from dvr_jax.scene.goal_rules import validate_goal, validate_regions, validate_room
 from dvr_jax.scene.rules import (
     ANY_NUMBER,
+    CONTACT_TOLERANCE,
     DENSITY_RANGE,
     FRICTION_RANGE,
     LARGEST_SIZE,
@@ -152,7 +153,7 @@ def _validate_object(item: SceneObject, workcell: Workcell) -> None:
     _validate_body(what, item)
     require_numbers(f"the density of {what}", (item.density,), 1, DENSITY_RANGE, "kg/m^3")
     require_numbers(f"the friction of {what}", (item.friction,), 1, FRICTION_RANGE, "")
-    if not inside(item.footprint, workcell.table.footprint):
+    if not inside(item.footprint, workcell.table.footprint, CONTACT_TOLERANCE):
         raise SceneError(
             f"{what} at {in_words(item.position)} reaches off the table, whose top is {table_in_words(workcell.table)}."
         )
@@ -179,7 +180,7 @@ def _validate_overlaps(scene: Scene) -> None:
     """Two upright prisms overlap where both their footprints and their intervals of height do."""
     for first, second in combinations(scene.objects, 2):
         depth = -signed_distance(first.footprint, second.footprint)
-        if depth > OVERLAP_TOLERANCE:
+        if depth > CONTACT_TOLERANCE:
             raise SceneError(
                 f"the objects {first.name!r} and {second.name!r} overlap by {depth:.3g} m; move them apart."
             )
@@ -190,7 +191,7 @@ def _validate_overlaps(scene: Scene) -> None:
                 item.height - body.bottom,
                 -signed_distance(item.footprint, body.footprint),
             )
-            if depth > OVERLAP_TOLERANCE:
+            if depth > CONTACT_TOLERANCE:
                 raise SceneError(
                     f"the object {item.name!r} and the fixed body {body.name!r} overlap by {depth:.3g} m; "
                     "move them apart."

@@ -1,9 +1,10 @@
 """Compile beside a search what it will soon need, on a machine that does not have its programs yet.
 
 The programs of a plan depend on the number of its actions. The network's most promising sequence is usually right, so
-its number of actions is assumed: the programs of its keyframes are compiled while the search samples them, and those of
-its path where the search leaves time. The requests of the search tell which path it solves in the end. Nothing is done
-before the search meets a program that the disk does not have.
+its number of actions is assumed at first. If that sequence fails, the lower bound of the relaxation is the next guess:
+most plans have as many actions. The requests of the search tell which path it solves in the end. What every search
+needs comes first, and a guess that is often wrong gets only the time that the search leaves. Nothing is done before the
+search meets a program that the disk does not have.
 """
 
 from __future__ import annotations
@@ -22,13 +23,12 @@ import jax
 from dvr_jax.operators import Operator
 from dvr_jax.runtime.compilation import awaited_program, when_compiling
 from dvr_jax.scene.types import Scene
-from dvr_jax.search.node import Node
+from dvr_jax.search.first_guess import likely_length
 from dvr_jax.search.predictor import Encoding, Images, SequencePredictor
-from dvr_jax.search.searches import steps_of
-from dvr_jax.search.session import SearchSession
-from dvr_jax.search.tree import SequenceTree
+from dvr_jax.search.relaxation import Relaxation
+from dvr_jax.search.searches import has_several_facts
 from dvr_jax.search.warm import Job, Programs, all_jobs
-from dvr_jax.search.work import ExtendBeams, Request, Steps, run_alone
+from dvr_jax.search.work import ExtendBeams, Request, Steps
 from dvr_jax.solver.state import Settings, Termination
 
 T = TypeVar("T")
@@ -43,6 +43,10 @@ SURE_LENGTH = 2
 
 IDLE_WAIT = 0.1
 """Time between two looks at whether the search waits for a program [s]."""
+
+FREE_LOOKS = 4
+"""Number of such looks in succession after which the search is known to compute. A single look may fall between two
+programs that it waits for."""
 
 _is_allowed = True
 """Whether this process has cores to spare."""
@@ -65,6 +69,7 @@ def compiling_ahead(
     network: SequencePredictor[Images, Encoding] | None,
     operators: Sequence[Operator],
     termination: Termination,
+    relaxation: Relaxation | None = None,
 ) -> Iterator[Watch[Any]]:
     """Compile on other cores what the work inside will soon need, from the first program on that it has to compile.
 
@@ -74,15 +79,18 @@ def compiling_ahead(
         network: The network that guides the search, if any.
         operators: The operators that are known.
         termination: Whether paths will be optimized.
+        relaxation: The scene's lower bounds, which the work inside computes; None if it does without.
 
     Yields:
         A function through which the requests of the search are to pass.
     """
-    if not _is_allowed or (os.cpu_count() or 1) == 1:
+    # The length of a sequence for several facts is not guessed.
+    is_guessed = not has_several_facts(scene)
+    if not is_guessed or not _is_allowed or (os.cpu_count() or 1) == 1:
         yield lambda steps: steps
         return
 
-    helpers = _Helpers(scene, k_max, network, operators, termination)
+    helpers = _Helpers(scene, k_max, network, operators, termination, relaxation)
     try:
         with when_compiling(helpers.start):
             yield helpers.watch
@@ -91,60 +99,10 @@ def compiling_ahead(
         helpers.stop()
 
 
-def likely_length(
-    scene: Scene,
-    k_max: int,
-    network: SequencePredictor[Images, Encoding],
-    operators: Sequence[Operator],
-) -> int:
-    """Return the number of actions of the sequence whose path a guided search will try first if no bound refutes it.
-
-    Args:
-        scene: The scene.
-        k_max: Largest number of actions.
-        network: The network that guides the search.
-        operators: The operators that are known.
-    """
-    tree = SequenceTree(scene, k_max, operators=operators)
-    session = _FirstLeaves(tree, accept=lambda *_: False, progress=lambda _: None)
-    try:
-        run_alone(steps_of(network.kind, session, network))
-    except _Found as found:
-        return found.length
-    return k_max
-
-
-class _Found(Exception):
-    """The first sequences that a search judges are known."""
-
-    def __init__(self, length: int) -> None:
-        """Keep the number of actions of the first of them."""
-        super().__init__()
-        self.length = length
-
-
-class _FirstLeaves(SearchSession):
-    """A search that ends where the first bound of a complete sequence would be computed."""
-
-    def judge_scene(self) -> Steps[bool]:
-        """Return True: the relaxation is left out, because it needs compiled programs."""
-        yield from ()
-        return True
-
-    def judge_prefix_chains(
-        self, leaves: list[Node], relax_first: bool = False
-    ) -> Steps[list[Node]]:
-        """Raise `_Found`."""
-        raise _Found(leaves[0].depth)
-
-    def judge_leaves(self, leaves: list[Node]) -> Steps[list[Node]]:
-        """Raise `_Found`."""
-        raise _Found(leaves[0].depth)
-
-
 class _JobKind(Enum):
     """What a job compiles; the values are methods of `Programs`."""
 
+    BEAM = "beam"
     KEYFRAMES = "keyframes"
     PATH = "path"
     OPTIMUM = "optimum"
@@ -161,6 +119,11 @@ class _Job:
         """Return the call that compiles the programs."""
         return partial(getattr(programs, self.kind.value), self.length)
 
+    @property
+    def is_of_path(self) -> bool:
+        """Whether the programs serve paths."""
+        return self.kind in (_JobKind.PATH, _JobKind.OPTIMUM)
+
 
 def _jobs_of_length(length: int, is_optimal: bool) -> list[_Job]:
     """Return what a search needs if its first sequence has this length and is right, in the order of compilation.
@@ -174,7 +137,7 @@ def _jobs_of_length(length: int, is_optimal: bool) -> list[_Job]:
     if is_optimal:
         path.append(_Job(_JobKind.OPTIMUM, length))
     early = keyframes[:2] if length > SURE_LENGTH else []
-    return [*early, *path, *keyframes[len(early) :]]
+    return [_Job(_JobKind.BEAM, 1), *early, *path, *keyframes[len(early) :]]
 
 
 class _Helpers:
@@ -187,8 +150,10 @@ class _Helpers:
         network: SequencePredictor[Images, Encoding] | None,
         operators: Sequence[Operator],
         termination: Termination,
+        relaxation: Relaxation | None = None,
     ) -> None:
         """Keep in mind what the search is; no thread is started yet."""
+        self.relaxation = relaxation
         self.scene = scene
         self.k_max = k_max
         self.network = network
@@ -203,7 +168,11 @@ class _Helpers:
         self._length: int | None = None
         """Number of actions of the path that the search is going to solve, or solves."""
         self._is_guess = True
-        """Whether this number comes from the network."""
+        """Whether this number is not known from a request of the search."""
+        self._is_bound = False
+        """Whether this number is the lower bound of the relaxation."""
+        self._judged = 0
+        """Largest number of actions whose keyframes the search has asked for."""
         self._soon: list[_Job] = []
         """Programs that the search is likely to need."""
         self._later: list[Job] = []
@@ -237,27 +206,51 @@ class _Helpers:
         """Correct the number of actions of the path."""
         if isinstance(request, ExtendBeams):
             # Several sequences are judged at a time only after the most promising one has failed.
-            if self._is_guess and len(request.tasks) > 1:
-                self._expect_path(None)
+            if self._is_guess and len(request.tasks) > 1 and not self._is_bound:
+                needed = self._needed_actions()
+                self._is_bound = needed is not None
+                self._expect_path(needed)
             return
 
         if not request.starts:
             return
         slices, phases = (len(part) for part in request.starts[0])
-        if slices > phases and isinstance(request.settings, Settings):
+        if slices == phases:
+            self._judged = max(self._judged, phases)
+            return
+        if isinstance(request.settings, Settings):
             is_new = self._is_guess or phases != self._length
             self._is_guess = False
             if is_new:
                 self._expect_path(phases)
 
+    def _needed_actions(self) -> int | None:
+        """Return the lower bound on the number of actions, or None if it is not known or too large."""
+        if self.relaxation is None or not self.relaxation.is_computed:
+            return None
+        needed = self.relaxation.lower_bound
+        return needed if 2 <= needed <= self.k_max else None
+
     def _expect_path(self, length: int | None) -> None:
         """Replace the programs of the path by those of another length, or by none."""
         with self._lock:
             self._length = length
-            self._soon = [job for job in self._soon if job.kind is _JobKind.KEYFRAMES]
-            if length is not None and self.is_optimal:
-                # The search itself is about to compile the program of the feasible path.
-                self._soon.insert(0, _Job(_JobKind.OPTIMUM, length))
+            self._soon = [job for job in self._soon if not job.is_of_path]
+            if length is None:
+                return
+            if self._is_guess:
+                # The search judges the keyframes of all shorter prefixes before it tries a path.
+                listed = {job.length for job in self._soon if job.kind is _JobKind.KEYFRAMES}
+                self._soon += [
+                    _Job(_JobKind.KEYFRAMES, number)
+                    for number in range(self._judged + 1, length + 1)
+                    if number not in listed
+                ]
+                self._soon.append(_Job(_JobKind.PATH, length))
+            if self.is_optimal:
+                # The search itself is about to compile the program of a feasible path that it asks for.
+                place = len(self._soon) if self._is_guess else 0
+                self._soon.insert(place, _Job(_JobKind.OPTIMUM, length))
 
     def _begin(self) -> None:
         """List the jobs, start the other threads, and work."""
@@ -287,14 +280,18 @@ class _Helpers:
 
     def _is_sure(self, job: _Job) -> bool:
         """Return whether the search will need a job, as far as anybody knows: a longer sequence is often wrong."""
-        return job.kind is _JobKind.KEYFRAMES or not self._is_guess or job.length <= SURE_LENGTH
+        if not job.is_of_path:
+            return True
+        return not self._is_guess or self._is_bound or job.length <= SURE_LENGTH
 
     def _next_job(self) -> Job | None:
         """Return the next job; None if there is none left or the search has ended."""
+        looks = 0
         while not self._ended.is_set():
+            # What a guided search may need later must not take time from what it waits for now.
+            looks = looks + 1 if awaited_program(self._searcher) is None else 0
+            is_free = self.network is None or looks >= FREE_LOOKS
             with self._lock:
-                # What a guided search may need later must not take time from what it waits for now.
-                is_free = self.network is None or awaited_program(self._searcher) is None
                 if self._soon and (is_free or self._is_sure(self._soon[0])):
                     assert self._programs is not None
                     return self._soon.pop(0).bound_to(self._programs)

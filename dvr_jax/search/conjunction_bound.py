@@ -89,6 +89,7 @@ class ConjunctionBound(Relaxation):
         if self._limit >= limit:
             return self.lower_bound
         self._limit = limit
+        self.is_computed = False
         lengths: dict[str, int] = {}
         for name in self.goal_objects:
             worlds = (self.walks.others(name),)
@@ -97,6 +98,7 @@ class ConjunctionBound(Relaxation):
         self.lower_bound = self.alone
         self._remaining.clear()
         if self.alone > limit:
+            self.is_computed = True
             return self.alone
 
         required: dict[str, None] = {}
@@ -108,6 +110,7 @@ class ConjunctionBound(Relaxation):
         self._remaining.clear()
         self.required = frozenset(required)
         self.lower_bound = min(self.alone + self._cost_of_moving(self.required), UNREACHED)
+        self.is_computed = True
         return self.lower_bound
 
     def _blockers_of(self, name: str, limit: int) -> Steps[list[str]]:

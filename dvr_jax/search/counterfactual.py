@@ -22,7 +22,15 @@ from dvr_jax.nlp.transcription import walk
 from dvr_jax.operators import Operator, describe, ground_scene, object_of
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.node import Node
-from dvr_jax.search.reasons import Reason, ReasonKind, centimeters, target_words
+from dvr_jax.search.reasons import (
+    NO_MOTION,
+    Reason,
+    ReasonKind,
+    as_cause,
+    centimeters,
+    target_words,
+)
+from dvr_jax.search.session import SearchSession
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import Steps, run_together
 
@@ -33,8 +41,8 @@ SHIFTS = (0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.17, 0.23, 0.3, 0.4, 0.55)
 """Distances by which objects and regions are moved [m]."""
 
 
-_NOT_CONFIRMED = (ReasonKind.WIDTH, ReasonKind.SIZE, ReasonKind.MOTION, ReasonKind.ACTIONS)
-"""Kinds of reasons that are exact, or that no single change confirms."""
+_NOT_CONFIRMED = (ReasonKind.WIDTH, ReasonKind.SIZE, ReasonKind.ACTIONS)
+"""Kinds of reasons that no change of a position confirms."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,15 +60,20 @@ class Change:
 
 
 def is_possible(
-    scene: Scene, actions: Sequence[Action], seed: int, operators: Sequence[Operator]
+    scene: Scene,
+    actions: Sequence[Action],
+    seed: int,
+    operators: Sequence[Operator],
+    has_motion: bool = False,
 ) -> Steps[bool]:
-    """Judge whether keyframes exist for actions that the logic allows.
+    """Judge whether keyframes exist for actions that the logic allows, and a motion if that is asked for.
 
     Args:
         scene: A scene, which need not be valid.
         actions: The actions.
         seed: Seed of all sampling.
         operators: The operators that are known.
+        has_motion: Whether a feasible path has to exist too.
     """
     try:
         tree = SequenceTree(scene, len(actions), seed, operators=operators, is_relaxed=False)
@@ -74,6 +87,9 @@ def is_possible(
         yield from tree.retry_refuted([node])
         if not node.feasible:
             return False
+    if has_motion and node is not tree.root:
+        session = SearchSession(tree, accept=lambda *_: True, progress=lambda _: None)
+        return (yield from session.try_path(node)) is not None
     return True
 
 
@@ -90,12 +106,14 @@ def _removals(
         changed = without_body(scene, name)
         if not _is_allowed(changed, left, operators):
             continue
-        reason = symptom
+        reason = as_cause(symptom)
         if name not in symptom.bodies:
             doing = describe(actions[-1], operators)
-            sentence = f"When {doing}, '{name}' is in the way."
+            is_motion = symptom.kind is ReasonKind.MOTION
+            sentence = f"{NO_MOTION if is_motion else ''}When {doing}, '{name}' is in the way."
             bodies = (item, name)
-            reason = Reason(ReasonKind.COLLISION, str(actions[-1]), bodies, math.nan, sentence)
+            kind = ReasonKind.MOTION if is_motion else ReasonKind.COLLISION
+            reason = Reason(kind, str(actions[-1]), bodies, math.nan, sentence)
         yield Change(changed, left, reason)
 
 
@@ -159,7 +177,8 @@ def _shifts(
             if is_place
             else move_object(scene, item.name, position)
         )
-        sentence = f"When {doing}, {shown} is {centimeters(shift)} cm {words} the base of the {arm.name} arm."
+        before = NO_MOTION if symptom.kind is ReasonKind.MOTION else ""
+        sentence = f"{before}When {doing}, {shown} is {centimeters(shift)} cm {words} the base of the {arm.name} arm."
         bodies = (f"{arm.name} arm", what)
         yield Change(
             changed, actions, Reason(ReasonKind.REACH, str(last), bodies, -sign * shift, sentence)
@@ -221,7 +240,14 @@ def confirm(
             for change in proposal(scene, *cases[index], operators)
         ]
         judged = run_together(
-            is_possible(change.scene, change.actions, seed, operators) for _, change in jobs
+            is_possible(
+                change.scene,
+                change.actions,
+                seed,
+                operators,
+                has_motion=cases[index][1].kind is ReasonKind.MOTION,
+            )
+            for index, change in jobs
         )
         possible = {number for number, verdict in judged if verdict}
         for number, (index, change) in enumerate(jobs):

@@ -12,6 +12,7 @@ from dvr_jax.operators import object_of, operator_of
 from dvr_jax.search.node import Node
 from dvr_jax.search.object_graph import UNREACHED, Edge
 from dvr_jax.search.reasons import (
+    NO_MOTION,
     Reason,
     ReasonKind,
     evidence_reason,
@@ -67,7 +68,7 @@ def explain_node(tree: SequenceTree, node: Node) -> Reason | None:
         return _window_reason(tree, last_windows(refuted.actions, tree.operators))
     reason = evidence_reason(tree.scene, judged.actions, *judged.evidence, tree.operators)
     if refuted.refuted_by in ("path", "check"):
-        sentence = f"Keyframes exist, but no motion. {reason.sentence}"
+        sentence = NO_MOTION + reason.sentence
         return replace(reason, kind=ReasonKind.MOTION, sentence=sentence)
     return reason
 

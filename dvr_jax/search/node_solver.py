@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import TypeVar
 
 import numpy as np
@@ -18,6 +19,7 @@ from dvr_jax.modes.mode import ModeKind
 from dvr_jax.nlp.problem import Problem, Variables, number_of_phases
 from dvr_jax.nlp.transcription import transcribe, transcribe_switch
 from dvr_jax.operators import Operator, operator_of
+from dvr_jax.runtime.batch_sizes import batch_sizes
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.node import Node
 from dvr_jax.search.work import ExtendBeams, SolveNlps, Steps
@@ -27,6 +29,7 @@ from dvr_jax.seeds.initial_paths import (
     keyframe_start,
     optimal_path_problem,
     path_problem,
+    window_path_problem,
 )
 from dvr_jax.seeds.keyframe_beam import (
     BEAM_WIDTH,
@@ -56,6 +59,9 @@ GOOD_PENETRATION = 0.01
 BATCH = 64
 """Number of prefixes that are judged between two comparisons of the time with the deadline."""
 
+LANES = 192
+"""Number of keyframe NLPs that are solved between two comparisons of the time with the deadline."""
+
 _Item = TypeVar("_Item")
 
 
@@ -68,7 +74,8 @@ class Counts:
     """Numbers of NLPs solved and of prefixes judged, by bound."""
 
     nlps: Counter[str] = field(default_factory=Counter)
-    """Number of NLP solves for the bounds "pose", "sequence" and "path", and for the "optimum"; every start counts."""
+    """Number of NLP solves for the bounds "window", "motion", "pose", "sequence" and "path", and for the "optimum";
+    every start counts."""
 
     verdicts: Counter[str] = field(default_factory=Counter)
     """Number of prefixes judged by each bound, including those that a candidate proved feasible or a constant of the
@@ -162,31 +169,53 @@ class NodeSolver:
         """Solve the keyframe NLPs of nodes that no candidate proved feasible.
 
         Every NLP starts from the node's best candidate. Those that fail are started again from the candidates of the
-        ranks `FURTHER_STARTS`. A node whose starts all fail is refuted.
+        ranks `FURTHER_STARTS`. A node whose starts all fail is refuted. The verdicts do not depend on the order: if
+        several nodes are few enough for one call of the solver, which takes as long for few slices as for many, all
+        their starts are solved at once.
 
         Args:
             nodes: The nodes.
             bound: Name of the bound that the NLPs are counted for and that refutes nodes.
         """
-        for group in _by_depth(nodes):
-            failed = yield from self._solve_from(group, [0], bound)
+        for group in _by_depth(nodes, attrgetter("depth")):
             # If inverse kinematics reached no proposal of the node, further starts do not help.
-            reached = [node for node in failed if _is_reached(node)]
-            yield from self._solve_from(reached, FURTHER_STARTS, bound)
+            reached = [node for node in group if _is_reached(node)]
+            further = [(node, rank) for node in reached for rank in FURTHER_STARTS]
+            lanes = [(node, 0) for node in group]
+            slices = (len(lanes) + len(further)) * group[0].depth
+            if len(group) > 1 and slices <= batch_sizes().chunk:
+                yield from self._solve_from(lanes + further, bound, is_best_enough=True)
+            else:
+                yield from self._solve_from(lanes, bound)
+                yield from self._solve_from(
+                    [lane for lane in further if not lane[0].feasible], bound
+                )
             for node in group:
                 if not node.feasible:
                     node.refute(bound, node.violation)
 
-    def _solve_from(self, nodes: list[Node], ranks: Sequence[int], bound: str) -> Steps[list[Node]]:
-        """Solve keyframe NLPs of nodes of one depth from the candidates of these ranks; return those that failed."""
-        for first in range(0, len(nodes), BATCH):
+    def _solve_from(
+        self, lanes: Sequence[tuple[Node, int]], bound: str, is_best_enough: bool = False
+    ) -> Steps[None]:
+        """Solve keyframe NLPs of nodes of one depth.
+
+        Args:
+            lanes: For each NLP its node and the rank of the candidate that it is started from.
+            bound: Name of the bound that the NLPs are counted for.
+            is_best_enough: Whether the other solutions of a node are not used if its best candidate leads to one.
+        """
+        for first in range(0, len(lanes), LANES):
             self.look_at_the_clock()
-            lanes = [(node, rank) for node in nodes[first : first + BATCH] for rank in ranks]
-            problems = [_problem_of(node) for node, _ in lanes]
-            starts = [keyframe_start(_beam_of(node), rank, node.depth) for node, rank in lanes]
+            part = lanes[first : first + LANES]
+            problems = [_problem_of(node) for node, _ in part]
+            starts = [keyframe_start(_beam_of(node), rank, node.depth) for node, rank in part]
             solutions = yield SolveNlps(self.model, problems, starts, self.settings)
-            self.counts.nlps[bound] += len(lanes)
-            for (node, _), solution in zip(lanes, solutions, strict=True):
+            self.counts.nlps[bound] += len(part)
+            found = list(zip(part, solutions, strict=True))
+            done = {lane[0] for lane, solution in found if lane[1] == 0 and solution.feasible}
+            for (node, rank), solution in found:
+                if is_best_enough and rank > 0 and node in done:
+                    continue
                 if solution.feasible:
                     node.feasible = True
                     node.beam = adopt_solution(_beam_of(node), _problem_of(node), solution)
@@ -194,7 +223,6 @@ class NodeSolver:
                     # `min` returns its first argument if the second is NaN, the initial value of `node.violation`.
                     node.violation = min(solution.relative_violation, node.violation)
                     node.add_evidence(_problem_of(node), solution)
-        return [node for node in nodes if not node.feasible]
 
     def solve_from_all(self, nodes: list[Node], bound: str) -> Steps[None]:
         """Solve the keyframe NLPs of nodes, starting from every candidate of their beams.
@@ -203,9 +231,10 @@ class NodeSolver:
             nodes: The nodes.
             bound: Name of the bound that the NLPs are counted for.
         """
-        for group in _by_depth(nodes):
+        for group in _by_depth(nodes, attrgetter("depth")):
             reached = [node for node in group if _is_reached(node)]
-            yield from self._solve_from(reached, range(BEAM_WIDTH), bound)
+            lanes = [(node, rank) for node in reached for rank in range(BEAM_WIDTH)]
+            yield from self._solve_from(lanes, bound)
 
     def isolate_switch(self, node: Node, root: Node, ignored: Sequence[str], seed: int) -> None:
         """Give a node of two actions on one object the keyframe NLP of the second action alone.
@@ -278,6 +307,30 @@ class NodeSolver:
             node.add_evidence(path, solved[0])
         return solved[0]
 
+    def solve_window_paths(self, lanes: Sequence[tuple[Node, Node, Variables]]) -> Steps[None]:
+        """Solve path NLPs of windows, and mark the nodes of those that have a motion.
+
+        Args:
+            lanes: For each NLP a node that gets the verdict, a node of the same actions whose keyframe NLP is
+                feasible, and a solution of it.
+        """
+        for group in _by_depth(lanes, lambda lane: lane[0].depth):
+            self.look_at_the_clock()
+            tasks = [
+                window_path_problem(self.model, _problem_of(node), keyframes)
+                for _, node, keyframes in group
+            ]
+            problems = [problem for problem, _ in tasks]
+            starts = [start for _, start in tasks]
+            solutions = yield SolveNlps(self.model, problems, starts, self.settings)
+            self.counts.nlps["motion"] += len(group)
+            for (judged, _, _), problem, solution in zip(group, problems, solutions, strict=True):
+                if solution.feasible:
+                    judged.feasible = True
+                else:
+                    judged.violation = min(solution.relative_violation, judged.violation)
+                    judged.add_evidence(problem, solution)
+
     def optimize_path(self, node: Node, path: NlpSolution) -> Steps[NlpSolution]:
         """Solve the path NLP without the pull to its start, from a feasible path to an optimal one.
 
@@ -315,11 +368,11 @@ def _spread(items: Sequence[_Item], most: int) -> list[_Item]:
     return [items[i * (len(items) // count)] for i in range(count)]
 
 
-def _by_depth(nodes: Sequence[Node]) -> list[list[Node]]:
-    """Divide nodes into groups of equal depth, whose NLPs have the same shape and can share a batch."""
-    groups: dict[int, list[Node]] = {}
-    for node in nodes:
-        groups.setdefault(node.depth, []).append(node)
+def _by_depth(items: Sequence[_Item], depth: Callable[[_Item], int]) -> list[list[_Item]]:
+    """Divide items into groups of equal depth, whose NLPs have the same shape and can share a batch."""
+    groups: dict[int, list[_Item]] = {}
+    for item in items:
+        groups.setdefault(depth(item), []).append(item)
     return list(groups.values())
 
 

@@ -2,15 +2,18 @@
 
 A reason is read off the best point that the optimizer found for the keyframes of a refuted prefix: the largest
 violation there, as a multiple of its tolerance, names two bodies that penetrate, a pose that an arm misses, a joint
-beyond its limit, or a footprint that extends beyond its region. Two reasons need no optimization, because constants of
-the scene state them: a width against the opening of the gripper, and an object beyond the reach of an arm.
+beyond its limit, or a footprint that extends beyond its region. Such a reason is a symptom, and its sentence says so:
+"Closest approach found: ...". It is confirmed only by a changed scene (`dvr_jax.search.counterfactual`). Other reasons
+need no optimization, because constants of the scene state them: a width against the opening of the gripper, or an
+object beyond the reach of an arm. A width is confirmed from the start. A distance is only the least by which an arm
+falls short, so that it has to be confirmed too.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -79,6 +82,11 @@ class Reason:
 
     sentence: str
     """The reason as a complete sentence."""
+
+    confirmed: bool = True
+    """Whether it is known that the actions are possible, as far as the bound that refuted them tells, once the scene is
+    changed by what the reason states. If not, it is a condition that the actions violate, which may not be the only one
+    ("at least 5 cm too far"), or only what the optimizer's best point shows ("Closest approach found")."""
 
     def __str__(self) -> str:
         """Return the sentence."""
@@ -153,7 +161,8 @@ def reach_reason(
         f"The {arm.name} arm does not reach {what}: it is {far:.2f} m from the base, "
         f"at least {centimeters(missing)} cm too far."
     )
-    return Reason(ReasonKind.REACH, str(action), (f"{arm.name} arm", name), missing, sentence)
+    bodies = (f"{arm.name} arm", name)
+    return Reason(ReasonKind.REACH, str(action), bodies, missing, sentence, confirmed=False)
 
 
 def obstruction_reason(
@@ -173,7 +182,28 @@ def obstruction_reason(
         f"'{blocker}' stands on {target_words(scene, action.arguments[-1])}: wherever '{name}' is placed there, "
         f"they overlap by at least {centimeters(overlap)} cm."
     )
-    return Reason(ReasonKind.COLLISION, str(action), (name, blocker), overlap, sentence)
+    bodies = (name, blocker)
+    return Reason(ReasonKind.COLLISION, str(action), bodies, overlap, sentence, confirmed=False)
+
+
+NO_MOTION = "Keyframes exist, but no motion. "
+"""Beginning of the sentence where no motion between the switches was found."""
+
+APPROACH = "Closest approach found: "
+"""Beginning of the sentence of a reason that is not confirmed."""
+
+
+def as_symptom(reason: Reason) -> Reason:
+    """Return a reason as one that is not confirmed, whose sentence says so."""
+    text = reason.sentence
+    return replace(reason, confirmed=False, sentence=APPROACH + text[0].lower() + text[1:])
+
+
+def as_cause(reason: Reason) -> Reason:
+    """Return a symptom as a confirmed reason, the inverse of `as_symptom`; what precedes the symptom stays."""
+    before, found, text = reason.sentence.partition(APPROACH)
+    sentence = before + text[0].upper() + text[1:] if found else reason.sentence
+    return replace(reason, confirmed=True, sentence=sentence)
 
 
 NAMED_PART = 0.2
@@ -187,7 +217,7 @@ def evidence_reason(
     solution: NlpSolution,
     operators: Sequence[Operator],
 ) -> Reason:
-    """Return the reason that the best point of an infeasible NLP shows.
+    """Return the symptom that the best point of an infeasible NLP shows, a reason that is not confirmed.
 
     Args:
         scene: A valid scene.
@@ -196,6 +226,17 @@ def evidence_reason(
         solution: The best point that was found.
         operators: The operators that are known.
     """
+    return as_symptom(_largest_violation(scene, actions, problem, solution, operators))
+
+
+def _largest_violation(
+    scene: Scene,
+    actions: Sequence[Action],
+    problem: Problem,
+    solution: NlpSolution,
+    operators: Sequence[Operator],
+) -> Reason:
+    """Return the reason that the largest violation of a point states, as a share of its tolerance."""
     violations = solution.violations
     ratio = {name: value / TOLERANCES[name] for name, value in violations.items()}
     worst = max(ratio, key=lambda name: ratio[name])

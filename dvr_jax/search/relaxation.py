@@ -61,6 +61,9 @@ class Relaxation:
         self.lower_bound = 0
         """Least number of actions of a solution, as far as it is known; `UNREACHED` if there is none."""
 
+        self.is_computed = False
+        """Whether `compute` has ended, so that the bound is final for its limit."""
+
         self._operators: Sequence[Operator] = solver.operators
         self._limit = -1
         self._remaining: dict[str | None, dict[Vertex, int]] = {}
@@ -87,11 +90,13 @@ class Relaxation:
         if self._limit >= limit:
             return self.lower_bound
         self._limit = limit
+        self.is_computed = False
         name = self.goal_object
         alone = yield from self.walks.shortest(name, (self.walks.others(name),), limit)
         self.alone = alone
         self.lower_bound = alone
         if alone > limit:
+            self.is_computed = True
             return alone
 
         for other in sorted(self.walks.others(name)):
@@ -107,6 +112,7 @@ class Relaxation:
         self._remaining.clear()
         self.lower_bound = min(map(self._bound_of_scene, sorted({alone, *self.blocking.values()})))
         self.required = frozenset(o for o, least in self.blocking.items() if least > limit)
+        self.is_computed = True
         return self.lower_bound
 
     def _bound_of_scene(self, length: int) -> int:
@@ -151,19 +157,54 @@ class Relaxation:
 
     def check_cached(self, node: Node) -> bool:
         """Return False and refute the node if a window that it ends with is known to be infeasible."""
-        if node.feasible is not None:
-            return node.feasible
+        if node.feasible is False:
+            return False
+        window = self.refuting_window(node.actions)
+        others = self.walks.others(object_of(node.actions[-1], self._operators))
+        if window is not None and self.windows.is_motion_refuted(window, others):
+            judged = self.windows.node(window, others)
+            assert judged is not None
+            node.refute("path", judged.violation, judged)
+            return False
+
+        # A node whose keyframes are known is feasible: a bound on keyframes, which may miss some, must not refute it.
+        if node.feasible:
+            return True
         if self.obstruction(node.actions) is not None:
             node.refute("pose", math.nan)
             return False
-        window = self.refuting_window(node.actions)
         if window is None:
             return True
-        judged = self.windows.node(
-            window, self.walks.others(object_of(node.actions[-1], self._operators))
-        )
+        judged = self.windows.node(window, others)
         node.refute("pose", math.nan if judged is None else judged.violation, judged)
         return False
+
+    def judge_motions(self, leaf: Node) -> Steps[None]:
+        """Judge the motions of all windows of a leaf whose path has failed.
+
+        If one of them is refuted, the lower bound of the scene is computed anew when it is needed next.
+
+        Args:
+            leaf: The leaf.
+        """
+        wanted: dict[Ignored, list[Window]] = {}
+        for depth in range(1, leaf.depth + 1):
+            window, _ = last_windows(leaf.actions[:depth], self._operators)
+            name = object_of(leaf.actions[depth - 1], self._operators)
+            wanted.setdefault(self.walks.others(name), []).append(window)
+
+        number = self.windows.motions.number_refuted
+        for ignored, windows in wanted.items():
+            yield from self.windows.judge(windows, ignored)
+            yield from self.windows.judge_motions(windows, ignored)
+        if self.windows.motions.number_refuted > number:
+            self._limit = -1
+            self._remaining.clear()
+
+    def is_motion_refuted(self, leaf: Node) -> bool:
+        """Return whether a window of a leaf is known to have no motion, and refute the leaf then."""
+        prefixes = [leaf.ancestor(depth) for depth in range(1, leaf.depth + 1)]
+        return not all([self.check_cached(prefix) for prefix in prefixes])
 
     def obstruction(self, actions: Sequence[Action]) -> str | None:
         """Return the name of an object that stands where the last action places another one; None if there is none."""

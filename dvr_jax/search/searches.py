@@ -12,19 +12,23 @@ The two searches differ in the bounds that they compute (`dvr_jax.search.tree` d
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Protocol
 
 from dvr_jax.errors import DvrError
+from dvr_jax.goals import OnRegion
+from dvr_jax.scene.types import Scene
+from dvr_jax.search.front import Guide, PrefixFront
+from dvr_jax.search.goal_guide import GoalGuide
 from dvr_jax.search.node import Node
 from dvr_jax.search.node_solver import OutOfTime
 from dvr_jax.search.predictor import Encoding, Images, SequencePredictor
 from dvr_jax.search.reasoning import feasibility_classifier, visual_reasoning
-from dvr_jax.search.session import Accept, Outcome, Progress, SearchSession
+from dvr_jax.search.session import Accept, LongerSearch, Outcome, Progress, SearchSession
 from dvr_jax.search.status import PlanStatus
 from dvr_jax.search.tree import SequenceTree
-from dvr_jax.search.work import Steps, run_alone
-from dvr_jax.seeds.keyframe_beam import BEAM_CAPACITY
+from dvr_jax.search.work import Reply, Steps, run_alone, work_of
 from dvr_jax.solver.state import Termination
 
 LEAVES = 64
@@ -36,8 +40,15 @@ UNRELAXED_LENGTH = 2
 EAGER_LENGTH = 3
 """Length up to which multi-bound search computes the pose bound of all prefixes."""
 
+EXPANSIONS_AT_A_TIME = 8
+"""Number of prefixes that best-first search expands before it looks whether there are leaves."""
+
 SPARE_ACTIONS = 4
 """By default, a search goes up to the lower bound on the number of actions plus this number."""
+
+LONGER_WORK = 6_000
+"""Largest number of slices of all NLPs and beams for sequences of more than the usual number of actions, where the
+caller states none. They take about 4 ms each."""
 
 Judge = Callable[[list[Node]], Steps[list[Node]]]
 """Function that computes a bound of nodes and returns the nodes that pass."""
@@ -106,6 +117,33 @@ def _batches(nodes: list[Node]) -> list[list[Node]]:
     return [nodes[first : first + LEAVES] for first in range(0, len(nodes), LEAVES)]
 
 
+def best_first(session: SearchSession, guide: Guide | None = None) -> Steps[Outcome]:
+    """Search for a goal of several facts: best-first by the relaxation's bound, which suits long sequences.
+
+    What the bounds have refuted once on the way gets its second look at the end, when multi-bound search visits what
+    is left, so this search is as complete as the others.
+
+    Args:
+        session: The search in progress.
+        guide: Ranks the children of prefixes; None for none.
+    """
+    if not (yield from session.judge_scene()):
+        return Outcome(PlanStatus.EXHAUSTED, seconds=session.seconds)
+
+    front = PrefixFront(session, guide)
+    session.progress(f"at least {session.tree.relaxation.lower_bound} actions are needed")
+    while len(front):
+        leaves = yield from front.advance(EXPANSIONS_AT_A_TIME)
+        session.tree.counts.verdicts["leaf"] += len(leaves)
+        outcome = yield from session.try_leaves(leaves)
+        if outcome is not None:
+            return outcome
+        # Paths that failed may have raised the bound.
+        if not (yield from session.judge_scene()):
+            return Outcome(PlanStatus.EXHAUSTED, seconds=session.seconds)
+    return (yield from multi_bound(session))
+
+
 BLIND: dict[str, Callable[[SearchSession], Steps[Outcome]]] = {
     "mbts": multi_bound,
     "bfs": breadth_first,
@@ -156,16 +194,19 @@ def search(
         termination: Whether paths are optimized further once they are feasible.
         watch: Function that passes the requests of the search on, and may look at them.
         is_limit_open: Whether the tree's `k_max` is raised if no sequence of so many actions solves the scene: to the
-            lower bound on the number of actions plus `SPARE_ACTIONS`.
+            lower bound on the number of actions plus `SPARE_ACTIONS`. The search of these longer sequences ends after
+            `LONGER_WORK`.
         shortest: Whether the solution has the least number of actions.
     """
     session = SearchSession(tree, accept, progress, termination)
     found = Outcome(PlanStatus.TIME_LIMIT, seconds=session.seconds)
     try:
+        if is_limit_open and has_several_facts(tree.scene):
+            run_alone(_raise_limit(session))
         found = run_alone(watch(steps_of(name, session, network)))
         is_open = is_limit_open and found.status == PlanStatus.EXHAUSTED
-        if is_open and run_alone(_raise_limit(session)):
-            found = run_alone(watch(steps_of(name, session, network)))
+        if is_open:
+            found = _search_longer(session, found, lambda: watch(steps_of(name, session, network)))
         if shortest and found.node is not None:
             tree.k_max = found.node.depth - 1
             if run_alone(session.judge_scene()):
@@ -174,6 +215,59 @@ def search(
     except OutOfTime:
         found.is_complete = False
     return found
+
+
+def _search_longer(
+    session: SearchSession, found: Outcome, begin_steps: Callable[[], Steps[Outcome]]
+) -> Outcome:
+    """Search sequences of more actions than `k_max`, if the relaxation allows any, with a limit of the work.
+
+    Args:
+        session: The search in progress.
+        found: How the search of the shorter sequences ended.
+        begin_steps: Function that returns a search up to the tree's `k_max`.
+
+    Returns:
+        How the search ends. If it does not come to a verdict on all longer sequences, `k_max` is what it was.
+    """
+    tree = session.tree
+    k_max = tree.k_max
+    begin = time.monotonic()
+    try:
+        if not run_alone(_raise_limit(session)):
+            return found
+        return run_alone(_limit_work(begin_steps(), LONGER_WORK))
+    except OutOfTime:
+        found.longer = LongerSearch(tree.k_max, time.monotonic() - begin)
+        tree.k_max = k_max
+        return found
+
+
+def _limit_work(steps: Steps[Outcome], most: int) -> Steps[Outcome]:
+    """Carry out a search, but give up when it has asked for too much work.
+
+    The limit does not depend on the clock, so that a search ends in the same way on every machine.
+
+    Args:
+        steps: The search.
+        most: Largest number of slices of all NLPs and beams.
+
+    Raises:
+        OutOfTime: The search has asked for more.
+    """
+    slices = 0
+    reply: Reply | None = None
+    while True:
+        try:
+            request = steps.send(reply)
+        except StopIteration as stop:
+            outcome: Outcome = stop.value
+            return outcome
+        slices += work_of(request)
+        if slices > most:
+            steps.close()
+            raise OutOfTime
+        reply = yield request
 
 
 def _raise_limit(session: SearchSession) -> Steps[bool]:
@@ -186,9 +280,9 @@ def _raise_limit(session: SearchSession) -> Steps[bool]:
     if tree.relaxation.is_hopeless():
         return False
     with session.timed("relaxation"):
-        least = yield from tree.relaxation.compute(BEAM_CAPACITY)
-    wanted = min(least + SPARE_ACTIONS, BEAM_CAPACITY)
-    if least > BEAM_CAPACITY or wanted <= tree.k_max:
+        least = yield from tree.relaxation.compute(tree.capacity)
+    wanted = min(least + SPARE_ACTIONS, tree.capacity)
+    if least > tree.capacity or wanted <= tree.k_max:
         return False
     tree.k_max = wanted
     session.progress(f"at least {least} actions are needed; sequences of up to {wanted} follow")
@@ -208,12 +302,20 @@ def steps_of(
     Raises:
         DvrError: There is no search of this name, or it needs a network.
     """
+    several = has_several_facts(session.tree.scene)
     if name in BLIND:
-        return BLIND[name](session)
+        return best_first(session) if several and name != "bfs" else BLIND[name](session)
     if name not in GUIDED:
         raise DvrError(f"there is no search '{name}'; valid: {', '.join(SEARCHES)}.")
     if network is None:
         raise DvrError(
             f"the search '{name}' needs a network; valid without one: {', '.join(BLIND)}."
         )
+    if several:
+        return best_first(session, GoalGuide(session.tree, network))
     return GUIDED[name](session, network)
+
+
+def has_several_facts(scene: Scene) -> bool:
+    """Return whether the goal of a scene is another one than the paper's."""
+    return not isinstance(scene.goal, OnRegion)

@@ -29,6 +29,17 @@ Progress = Callable[[str], None]
 """Function that is called with one line of text about the progress of a search."""
 
 
+@dataclass(frozen=True, slots=True)
+class LongerSearch:
+    """A search of longer sequences that ended without a verdict on all of them."""
+
+    k_max: int
+    """Largest number of actions of these sequences."""
+
+    seconds: float
+    """How long they were searched [s]."""
+
+
 @dataclass(slots=True)
 class Outcome:
     """How a search ended."""
@@ -47,6 +58,9 @@ class Outcome:
 
     is_complete: bool = True
     """False if the time was over before it was known whether a shorter solution exists, where this was asked."""
+
+    longer: LongerSearch | None = None
+    """The search of sequences of more than `k_max` actions, where one was made and not completed."""
 
 
 class SearchSession:
@@ -162,11 +176,21 @@ class SearchSession:
                 continue
             shorter = yield from self.judge_shorter(node)
             for leaf in [*shorter, node]:
-                self.tree.counts.verdicts["path"] += 1
-                outcome = yield from self.try_path(leaf)
+                outcome = yield from self._try_leaf(leaf)
                 if outcome is not None:
                     return outcome
         return None
+
+    def _try_leaf(self, leaf: Node) -> Steps[Outcome | None]:
+        """Try the path of a leaf, and if it fails, judge the motions of the leaf's windows."""
+        if self.tree.is_motion_refuted(leaf):
+            return None
+        self.tree.counts.verdicts["path"] += 1
+        outcome = yield from self.try_path(leaf)
+        if outcome is None:
+            with self.timed("relaxation"):
+                yield from self.tree.judge_motions(leaf)
+        return outcome
 
     def judge_shorter(self, leaf: Node) -> Steps[list[Node]]:
         """Judge the sequences that leave out some actions of a leaf and still reach the goal, in one batch.

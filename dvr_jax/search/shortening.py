@@ -1,20 +1,23 @@
-"""Sequences without needless actions: those of a leaf's actions that suffice for the goal, grasped at any face.
+"""Sequences without needless actions: those of a leaf's actions that suffice for the goal, with one other face at most.
 
 A network may propose a sequence with actions that the goal does not need, such as moving an object that is in nobody's
-way. What remains without them often needs another face, because the free arm was in the way of the first one.
+way. What remains without them often needs another face for one grasp, because the free arm was in the way of the first
+one. Only those sequences are returned that are not refuted by what is known: by the lower bound on the number of
+actions, by objects that stand on the target, and by windows (`dvr_jax.search.relaxation`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import islice
 
 from dvr_jax.logic import Action
 from dvr_jax.operators import Operator, Parameter, operator_of
 from dvr_jax.search.node import Node
 from dvr_jax.search.tree import SequenceTree
 
-MOST_PREFIXES = 200
-"""Largest number of prefixes that are extended at any face; beyond it, only the faces of the leaf count."""
+MOST_LEAVES = 128
+"""Largest number of shorter sequences; the shortest ones come first."""
 
 
 def shorter_leaves(tree: SequenceTree, leaf: Node) -> list[Node]:
@@ -24,37 +27,62 @@ def shorter_leaves(tree: SequenceTree, leaf: Node) -> list[Node]:
         tree: The tree of the leaf.
         leaf: A node that reaches the goal.
     """
-    found: dict[Node, None] = {}
-    prefixes: dict[Node, None] = {tree.root: None}
-    for action in leaf.actions:
-        # A prefix that is as long as the longest shorter sequence has no room for another action.
-        short = [prefix for prefix in prefixes if prefix.depth < leaf.depth - 1]
-        for prefix in short:
-            extended = _extended(tree, prefix, action, at_any_face=len(prefixes) < MOST_PREFIXES)
-            found.update((child, None) for child in extended if child.reaches_goal)
-            prefixes.update((child, None) for child in extended if not child.reaches_goal)
-    return list(found)
+    chosen = [
+        actions
+        for actions in _subsequences(tree, leaf.actions)
+        if tree.relaxation.lower_bound <= len(actions) < leaf.depth
+        and not (tree.is_relaxed and _is_obstructed(tree, actions))
+    ]
+    variants = (
+        variant
+        for actions in sorted(dict.fromkeys(chosen), key=len)
+        for variant in _with_other_faces(tree, actions)
+    )
+    nodes = (tree.descend(variant) for variant in dict.fromkeys(variants))
+    return list(islice((node for node in nodes if node is not None), MOST_LEAVES))
 
 
-def _extended(tree: SequenceTree, prefix: Node, action: Action, at_any_face: bool) -> list[Node]:
-    """Return a prefix followed by an action, if no bound refutes that.
+def _subsequences(
+    tree: SequenceTree, actions: Sequence[Action], state: int | None = None
+) -> Iterator[tuple[Action, ...]]:
+    """Yield the subsequences of some actions that the logic allows and that reach the goal with their last action.
 
     Args:
-        tree: The tree of the prefix.
-        prefix: A prefix.
-        action: The action.
-        at_any_face: Whether the action may also take place at another face of the object.
+        tree: A tree.
+        actions: The actions.
+        state: Symbolic state before them; None for the initial one.
     """
-    alike = _without_face(action, tree.operators)
-    return [
-        child
-        for child in tree.expand(prefix)
-        if child.feasible is not False
-        and (
-            child.actions[-1] == action
-            or (at_any_face and _without_face(child.actions[-1], tree.operators) == alike)
-        )
-    ]
+    grounding = tree.grounding
+    before = grounding.initial_state if state is None else state
+    allowed = set(grounding.applicable(before))
+    for number, action in enumerate(actions):
+        index = grounding.index(action)
+        if index not in allowed:
+            continue
+        after = grounding.successor(before, index)
+        if grounding.is_goal(after):
+            yield (action,)
+            continue
+        for rest in _subsequences(tree, actions[number + 1 :], after):
+            yield (action, *rest)
+
+
+def _is_obstructed(tree: SequenceTree, actions: tuple[Action, ...]) -> bool:
+    """Return whether an object stands where an action of a sequence places another one."""
+    lengths = range(1, len(actions) + 1)
+    return any(tree.relaxation.obstruction(actions[:length]) is not None for length in lengths)
+
+
+def _with_other_faces(
+    tree: SequenceTree, actions: tuple[Action, ...]
+) -> Iterator[tuple[Action, ...]]:
+    """Yield a sequence, and all sequences in which one action takes place at another face."""
+    yield actions
+    for number, action in enumerate(actions):
+        alike = _without_face(action, tree.operators)
+        for other in tree.grounding.actions:
+            if other != action and _without_face(other, tree.operators) == alike:
+                yield (*actions[:number], other, *actions[number + 1 :])
 
 
 def _without_face(action: Action, operators: Sequence[Operator]) -> tuple[str, ...]:

@@ -23,9 +23,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from dvr_jax.goals import OnRegion
 from dvr_jax.logic import Action, Grounding
 from dvr_jax.operators import OPERATORS, Operator, ground_scene, is_duplicate, refute
 from dvr_jax.scene.mjcf import require_free_home
+from dvr_jax.scene.start import end_conditions
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.conjunction_bound import relaxation_type
 from dvr_jax.search.node import Node
@@ -34,6 +36,19 @@ from dvr_jax.search.pose_bound import PoseBound
 from dvr_jax.search.work import Steps
 from dvr_jax.seeds.keyframe_beam import beam_capacity, empty_beam
 from dvr_jax.solver.state import Settings
+
+ACTIONS_OF_LONG_GOALS = 24
+"""Number of actions that beams have room for if a goal of several facts may need many."""
+
+MANY_OBJECTS = 3
+"""Largest number of objects of such a goal for which the usual room suffices."""
+
+
+def _least_capacity(scene: Scene) -> int:
+    """Return the number of actions that beams need at least room for, so that a search may raise its limit."""
+    named = {c.item for c in end_conditions(scene) if c.holds}
+    is_long = not isinstance(scene.goal, OnRegion) and len(named) > MANY_OBJECTS
+    return ACTIONS_OF_LONG_GOALS if is_long else 0
 
 
 class SequenceTree:
@@ -77,8 +92,10 @@ class SequenceTree:
             action: refute(scene, action, operators) for action in self.grounding.actions
         }
         self.root = Node((), self.grounding.initial_state, None, reaches_goal=False, feasible=True)
+        self.capacity = beam_capacity(max(k_max, _least_capacity(scene)))
+        """Number of actions that the beams have room for; `k_max` may be raised up to this number."""
         self.root.beam = empty_beam(
-            len(scene.objects), beam_capacity(k_max), scene.workcell.number_of_joints
+            len(scene.objects), self.capacity, scene.workcell.number_of_joints
         )
         self._pose_bound = PoseBound(self.solver, self.root, seed)
         self.relaxation = relaxation_type(scene)(
@@ -110,6 +127,23 @@ class SequenceTree:
             node.children = [child for child in children if child is not None]
             node.children_limit = self.k_max
         return [child for child in node.children if self._may_be_solved(child)]
+
+    def descend(self, actions: Sequence[Action]) -> Node | None:
+        """Return the node of a sequence that the logic allows; None if a bound is known to refute a prefix of it.
+
+        Args:
+            actions: The sequence. Of its prefixes, no other children are examined.
+        """
+        node = self.root
+        for action in actions:
+            known = {child.actions[-1]: child for child in node.children or ()}
+            child = self._child(node, self.grounding.index(action), known)
+            if child is None or not self._may_be_solved(child):
+                return None
+            if action not in known:
+                node.children = [*(node.children or ()), child]
+            node = child
+        return node
 
     def _child(self, node: Node, index: int, known: dict[Action, Node]) -> Node | None:
         """Return the child of a node by one action; None if the symbolic bound refutes it or it is a duplicate."""
@@ -159,6 +193,15 @@ class SequenceTree:
         if not self.is_relaxed:
             return [True] * len(nodes)
         return (yield from self.relaxation.judge_windows(nodes, least))
+
+    def judge_motions(self, leaf: Node) -> Steps[None]:
+        """Judge the motions of the windows of a leaf whose path has failed."""
+        if self.is_relaxed:
+            yield from self.relaxation.judge_motions(leaf)
+
+    def is_motion_refuted(self, leaf: Node) -> bool:
+        """Return whether a window of a leaf is known to have no motion, which refutes the leaf."""
+        return self.is_relaxed and self.relaxation.is_motion_refuted(leaf)
 
     def judge_sequences(self, nodes: list[Node]) -> Steps[None]:
         """Compute the sequence bound of nodes whose parents have passed it."""

@@ -13,11 +13,10 @@ from dvr_jax.modes.mode import PARAMETERS
 from dvr_jax.nlp.problem import Problem, Variables
 from dvr_jax.nlp.transcription import transcribe, walk
 from dvr_jax.operators import OPERATORS, Operator, operator_of
-from dvr_jax.runtime.batch_sizes import batch_sizes
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.predictor import Encoding, Images, SequencePredictor
 from dvr_jax.search.tree import SequenceTree
-from dvr_jax.seeds.beam_batches import BeamTask, extend_beams
+from dvr_jax.seeds.beam_batches import BeamTask, extend_beams, prepare_penetration
 from dvr_jax.seeds.initial_paths import initial_path, optimal_path_problem, path_problem
 from dvr_jax.seeds.keyframe_beam import beam_capacity, empty_beam
 from dvr_jax.solver.continuous_collision import sample_penetration
@@ -80,15 +79,23 @@ class Programs:
         """Return a pool for one NLP, which is not solved."""
         return LanePool(self.model, [NlpTask(problem, start)], settings)
 
-    def extend(self, lanes: int) -> None:
-        """Extend a beam along the sequence, so many prefixes at a time."""
-        problem = self.problems[1]
-        capacity = beam_capacity(self.k_max)
-        beam = empty_beam(len(problem.prism), capacity, len(problem.home))
+    def beam(self, length: int) -> None:
+        """Compile the programs that extend beams to a number of actions, the most expensive one first."""
+        beam = empty_beam(*self._beam_sizes())
+        task = BeamTask(beam, self.problems[length], self.proposals[length - 1])
+        prepare_penetration(self.model, task)
+        self.extend()
+
+    def extend(self) -> None:
+        """Extend a beam along the sequence."""
+        beam = empty_beam(*self._beam_sizes())
         for length, proposal in enumerate(self.proposals, start=1):
-            (beam,) = extend_beams(
-                self.model, [BeamTask(beam, self.problems[length], proposal)], [lanes], 0
-            )
+            (beam,) = extend_beams(self.model, [BeamTask(beam, self.problems[length], proposal)], 0)
+
+    def _beam_sizes(self) -> tuple[int, int, int]:
+        """Return the numbers of objects, of actions that beams have room for, and of joints."""
+        problem = self.problems[1]
+        return len(problem.prism), beam_capacity(self.k_max), len(problem.home)
 
     def _home(self, length: int) -> Variables:
         problem = self.problems[length]
@@ -169,12 +176,9 @@ def all_jobs(
         termination: Whether paths will be optimized.
     """
     lengths = list(programs.problems)
-    sizes = batch_sizes()
-    lane_numbers = [sizes.beam_lanes, *([1] if sizes.few else [])]
-
     jobs: list[Job] = [] if network is None else [partial(query, programs, scene, network)]
     jobs += [partial(programs.keyframes, length) for length in lengths]
-    jobs += [partial(programs.extend, lanes) for lanes in lane_numbers]
+    jobs.append(programs.extend)
     jobs += [partial(programs.path, length) for length in lengths]
     if termination == Termination.OPTIMAL:
         jobs += [partial(programs.optimum, length) for length in lengths]

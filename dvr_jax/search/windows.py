@@ -7,17 +7,20 @@ about one hundred, but thousands of sequences of six actions. A refuted window r
 whatever happens to the other objects.
 
 A window that is missed by sampling would refute solvable scenes. It is therefore refuted only after `WINDOW_SAMPLES`
-samples with different seeds have failed.
+samples with different seeds have failed. A window whose keyframes are feasible may have no motion
+(`dvr_jax.search.motion_windows`).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 
 from dvr_jax.logic import Action
 from dvr_jax.modes.mode import ModeKind
 from dvr_jax.nlp.transcription import transcribe_window
 from dvr_jax.operators import Operator, object_of, operator_of
+from dvr_jax.search.motion_windows import MotionWindows
 from dvr_jax.search.node import Node
 from dvr_jax.search.node_solver import NodeSolver
 from dvr_jax.search.reach import missing_reach
@@ -68,6 +71,9 @@ class WindowBound:
         self._root = root
         self._seed = seed
         self._nodes: dict[tuple[Window, Ignored], Node] = {}
+        self._out_of_reach: dict[Window, bool] = {}
+        self.motions = MotionWindows(solver, seed)
+        """Verdicts on the motions of windows."""
 
     def verdict(self, window: Window, ignored: Ignored) -> bool | None:
         """Return whether a window is feasible; None if that is not known yet.
@@ -79,13 +85,33 @@ class WindowBound:
         if not self._is_judged(window):
             return True
         node = self._nodes.get((window, ignored))
-        if node is not None and node.feasible is not None:
+        if node is None or node.feasible is None:
+            return False if self._is_out_of_reach(window) else None
+        if not node.feasible or not _has_motion_window(window):
             return node.feasible
-        return False if self._is_out_of_reach(window) else None
+        has_motion = self.motions.verdict(node)
+        # As long as all motions that were judged exist, keyframes suffice.
+        return True if has_motion is None and not self.motions.has_refuted else has_motion
+
+    def is_motion_refuted(self, window: Window, ignored: Ignored) -> bool:
+        """Return whether a window is known to have keyframes, but no motion.
+
+        Args:
+            window: The window.
+            ignored: Names of the objects that are left out.
+        """
+        node = self._nodes.get((window, ignored))
+        return node is not None and self.motions.verdict(node) is False
 
     def node(self, window: Window, ignored: Ignored) -> Node | None:
-        """Return the node of a window, which holds its problem and its candidates; None if it was not examined."""
-        return self._nodes.get((window, ignored))
+        """Return the node whose NLPs decided on a window; None if it was not examined.
+
+        Args:
+            window: The window.
+            ignored: Names of the objects that are left out.
+        """
+        node = self._nodes.get((window, ignored))
+        return self.motions.node(node) or node if node is not None else None
 
     def judge(self, windows: Iterable[Window], ignored: Ignored) -> Steps[None]:
         """Judge windows whose verdict is not known.
@@ -97,15 +123,59 @@ class WindowBound:
         unknown = [
             window for window in dict.fromkeys(windows) if self.verdict(window, ignored) is None
         ]
+        yield from self._judge_keyframes(unknown, ignored)
+        if self.motions.has_refuted:
+            yield from self.judge_motions(unknown, ignored)
+
+    def _judge_keyframes(self, windows: Sequence[Window], ignored: Ignored) -> Steps[None]:
+        """Judge the keyframes of windows that were not examined yet."""
+        unknown = [window for window in windows if (window, ignored) not in self._nodes]
+        samples: dict[Window, list[Node]] = {window: [] for window in unknown}
+
+        # All samples are drawn before the NLPs are solved, because one call of the solver has room for many.
+        remaining = unknown
         for seed in range(self._seed, self._seed + WINDOW_SAMPLES):
-            remaining = [w for w in unknown if self.verdict(w, ignored) is not True]
-            yield from self._sample(remaining, ignored, seed)
+            nodes = yield from self._sample(remaining, ignored, seed)
+            for window, node in zip(remaining, nodes, strict=True):
+                samples[window].append(node)
+            remaining = [window for window in remaining if not samples[window][-1].feasible]
+        unproved = [node for window in remaining for node in samples[window]]
+        yield from self._solver.solve(unproved, "window")
+
+        for window, nodes in samples.items():
+            self._nodes[window, ignored] = min(nodes, key=_rank)
         counts = self._solver.counts
         counts.verdicts["window"] += len(unknown)
-        counts.feasible["window"] += sum(bool(self.verdict(w, ignored)) for w in unknown)
+        counts.feasible["window"] += sum(self._has_keyframes(w, ignored) for w in unknown)
 
-    def _sample(self, windows: list[Window], ignored: Ignored, seed: int) -> Steps[None]:
-        """Judge windows by one sample each."""
+    def judge_motions(self, windows: Iterable[Window], ignored: Ignored) -> Steps[None]:
+        """Judge the motions of windows that have keyframes; those whose keyframes are not known are left out.
+
+        Args:
+            windows: The windows.
+            ignored: Names of the objects that are left out.
+        """
+        window_of = {
+            self._nodes[window, ignored]: window
+            for window in windows
+            if _has_motion_window(window) and self._has_keyframes(window, ignored)
+        }
+
+        def sample(nodes: Sequence[Node], seed: int) -> Steps[list[Node]]:
+            """Judge the keyframes of some of the windows with another seed."""
+            again = yield from self._sample([window_of[node] for node in nodes], ignored, seed)
+            yield from self._solver.solve([node for node in again if not node.feasible], "window")
+            return again
+
+        yield from self.motions.judge(list(window_of), sample)
+
+    def _has_keyframes(self, window: Window, ignored: Ignored) -> bool:
+        """Return whether a window is known to have feasible keyframes."""
+        node = self._nodes.get((window, ignored))
+        return node is not None and bool(node.feasible)
+
+    def _sample(self, windows: Sequence[Window], ignored: Ignored, seed: int) -> Steps[list[Node]]:
+        """Sample candidates of windows, and return new nodes, of which those that a candidate proves are feasible."""
         left_out = tuple(sorted(ignored))
         nodes = [self._fresh_node(window, left_out, seed) for window in windows]
 
@@ -115,10 +185,8 @@ class WindowBound:
         ]
         assert all(parent.problem is not None or parent.depth == 1 for parent in parents)
         yield from self._solver.sample(parents, [left_out] * len(parents), seed)
-        unproved = yield from self._solver.sample(nodes, [left_out] * len(nodes), seed)
-        yield from self._solver.solve(unproved, "window")
-        for window, node in zip(windows, nodes, strict=True):
-            self._nodes[window, ignored] = node
+        yield from self._solver.sample(nodes, [left_out] * len(nodes), seed)
+        return nodes
 
     def _fresh_node(self, window: Window, ignored: tuple[str, ...], seed: int) -> Node:
         """Create the node of a window, with the nodes of its shorter parts as its ancestors."""
@@ -151,4 +219,17 @@ class WindowBound:
 
     def _is_out_of_reach(self, window: Window) -> bool:
         """Return whether a necessary condition that costs nothing refutes a window."""
-        return missing_reach(self._solver.scene, window, self._solver.operators) > 0
+        if window not in self._out_of_reach:
+            missing = missing_reach(self._solver.scene, window, self._solver.operators)
+            self._out_of_reach[window] = missing > 0
+        return self._out_of_reach[window]
+
+
+def _rank(node: Node) -> tuple[bool, float]:
+    """Return a key that is least for a feasible node, or else for the one of least violation."""
+    return not node.feasible, math.inf if math.isnan(node.violation) else node.violation
+
+
+def _has_motion_window(window: Window) -> bool:
+    """Return whether a window is one whose motion is judged: of two actions on the object, or of its first one."""
+    return len(window) == 2

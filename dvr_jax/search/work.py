@@ -12,7 +12,7 @@ from itertools import islice
 from typing import Any, TypeVar
 
 from dvr_jax.nlp.problem import Problem, Variables
-from dvr_jax.seeds.beam_batches import BeamTask, extend_beams, lane_counts
+from dvr_jax.seeds.beam_batches import BeamTask, extend_beams
 from dvr_jax.seeds.keyframe_beam import KeyframeBeam
 from dvr_jax.solver.lane_pool import AnySettings, NlpSolution, solve
 from dvr_jax.workcell.model import WorkcellModel
@@ -60,6 +60,13 @@ T = TypeVar("T")
 
 Steps = Generator[Request, Any, T]
 """A computation that yields requests for work, is sent the replies, and returns a result of type T."""
+
+
+def work_of(request: Request) -> int:
+    """Return the number of slices that a request is about: those of its NLPs, or one for each beam."""
+    if isinstance(request, ExtendBeams):
+        return len(request.tasks)
+    return sum(len(start.q) for start in request.starts)
 
 
 def run_alone(steps: Steps[T]) -> T:
@@ -157,11 +164,9 @@ def _execute_batch(requests: list[Request]) -> Reply:
     """Execute requests that fit together, and return their results one after the other."""
     first = requests[0]
     if isinstance(first, ExtendBeams):
-        # The number of lanes of a call depends on each request alone and not on the other requests of the batch.
         beams = [request for request in requests if isinstance(request, ExtendBeams)]
         tasks = [task for request in beams for task in request.tasks]
-        lanes = [count for request in beams for count in lane_counts(request.tasks)]
-        return extend_beams(first.model, tasks, lanes, first.seed)
+        return extend_beams(first.model, tasks, first.seed)
 
     solves = [request for request in requests if isinstance(request, SolveNlps)]
     problems = [problem for request in solves for problem in request.problems]

@@ -1,4 +1,4 @@
-"""Extending the beams of lists of prefixes: padded to few numbers of lanes, so that little is compiled.
+"""Extending the beams of lists of prefixes: all calls have the same number of lanes, so that little is compiled.
 
 The interface between search (lists of Python objects) and compiled code (stacked arrays). What a prefix gets does not
 depend on what else is in the lists.
@@ -7,7 +7,6 @@ depend on what else is in the lists.
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -20,7 +19,13 @@ from dvr_jax.nlp.problem import Problem, number_of_phases
 from dvr_jax.operators.proposal import BeamStep, Proposal
 from dvr_jax.runtime.batch_sizes import batch_sizes
 from dvr_jax.runtime.compilation import to_device
-from dvr_jax.seeds.keyframe_beam import KeyframeBeam, extend_beam, random_shape
+from dvr_jax.seeds.keyframe_beam import (
+    PENETRATION,
+    KeyframeBeam,
+    empty_candidates,
+    extend_beam,
+    random_shape,
+)
 from dvr_jax.solver.lane_pool import NlpSolution
 from dvr_jax.workcell.model import WorkcellModel
 
@@ -42,43 +47,29 @@ class BeamTask:
     """How its last action is sampled."""
 
 
-def lane_counts(tasks: Sequence[BeamTask]) -> list[int]:
-    """How many prefixes each of these shares a call with when they are asked for together.
-
-    A program of other lanes may round differently, so the number depends only on the request, and not on which other
-    requests share the batch.
-    """
-    keys = [_program_key(task) for task in tasks]
-    counts = Counter(keys)
-    sizes = batch_sizes()
-    return [1 if counts[key] <= sizes.few else sizes.beam_lanes for key in keys]
-
-
 def _program_key(task: BeamTask) -> tuple[Proposal, int]:
     """How the last action is sampled, and how many actions are before it: one call serves what is equal in both."""
     return task.proposal, number_of_phases(task.problem) - 1
 
 
-def extend_beams(
-    model: WorkcellModel, tasks: Sequence[BeamTask], lanes: Sequence[int], seed: int
-) -> list[KeyframeBeam]:
+def extend_beams(model: WorkcellModel, tasks: Sequence[BeamTask], seed: int) -> list[KeyframeBeam]:
     """Beams of prefixes, in the order of the tasks.
 
     Args:
         model: Arms of the workcell that all prefixes share.
         tasks: Prefixes with the same number of objects.
-        lanes: The tasks' `lane_counts`.
         seed: Of the sample.
     """
     # The model goes to every program of an extension, so it is converted once.
     model = to_device(model)
 
-    groups: dict[tuple[tuple[Proposal, int], int], list[int]] = {}
-    for index, (task, count) in enumerate(zip(tasks, lanes, strict=True)):
-        groups.setdefault((_program_key(task), count), []).append(index)
+    groups: dict[tuple[Proposal, int], list[int]] = {}
+    for index, task in enumerate(tasks):
+        groups.setdefault(_program_key(task), []).append(index)
 
+    count = batch_sizes().beam_lanes
     beams: dict[int, KeyframeBeam] = {}
-    for ((_, depth), count), members in groups.items():
+    for (_, depth), members in groups.items():
         uniform = np.random.default_rng([seed, depth]).random(random_shape(model), np.float32)
         for first in range(0, len(members), count):
             indices = members[first : first + count]
@@ -96,6 +87,19 @@ def _extend_batch(
     parents = _stack([task.parent for task in padded])
     batch = jax.tree.map(np.asarray, extend_beam(model, parents, steps, uniform, tasks[0].proposal))
     return [jax.tree.map(lambda leaf, lane=lane: leaf[lane], batch) for lane in range(len(tasks))]
+
+
+def prepare_penetration(model: WorkcellModel, task: BeamTask) -> None:
+    """Load or compile the program that measures distances, the most expensive one of an extension.
+
+    Args:
+        model: Arms of the workcell.
+        task: Any prefix of the size that is wanted.
+    """
+    count = batch_sizes().beam_lanes
+    steps = _stack([beam_step(task.problem, task.proposal)] * count)
+    parents = _stack([task.parent] * count)
+    PENETRATION.prepare(to_device(model), parents, steps, empty_candidates(parents))
 
 
 def _stack(trees: Sequence[Any]) -> Any:

@@ -37,6 +37,9 @@ LEAVING_STEPS = 1
 COMING_STEPS = 2
 """Number of intervals before a switch in which they are already near: one to come, one in which the fingers move."""
 
+NO_CLEARANCE = -10.0
+"""Clearance of bodies that may penetrate as deep as they like [m]."""
+
 SHIFT_LANES = 16
 """The number of postures that are shifted in one call is a multiple of this, so that few sizes are compiled."""
 
@@ -148,6 +151,31 @@ def optimal_path_problem(problem: Problem, path: Variables) -> Problem:
         regularization_weight=np.zeros_like(pulled.regularization_weight),
         preference_scale=np.ones_like(pulled.preference_scale),
     )
+
+
+def window_path_problem(
+    model: WorkcellModel, problem: Problem, keyframes: Variables
+) -> tuple[Problem, Variables]:
+    """Return the path NLP of the last action of a window, and a start of it.
+
+    It is a relaxation of the path NLPs of all sequences that contain the window, in which other actions may come before
+    and between those of the window. Only the last phase counts, and not what happens right after the switch that it
+    begins with: straight motions and clearances are asked for from then on. How the arms get from home to the beginning
+    of this phase is up to the optimizer.
+
+    Args:
+        model: Arms of the workcell.
+        problem: Keyframe NLP of the window.
+        keyframes: A solution of it.
+    """
+    distance = np.array(problem.straight_distance)
+    distance[:-1] = 0
+    distance[-1, 0] = 0
+    start = initial_path(model, problem, keyframes)
+    path = path_problem(problem._replace(straight_distance=distance), start)
+    clearance = np.array(path.clearance)
+    clearance[: len(start.q) - STEPS_PER_PHASE + LEAVING_STEPS] = NO_CLEARANCE
+    return path._replace(clearance=clearance), start
 
 
 def _path_clearances(problem: Problem, steps: int) -> Float[np.ndarray, "slices body_rows"]:

@@ -360,6 +360,23 @@ def _choose(
     )
 
 
+def empty_candidates(beam: KeyframeBeam) -> _BeamCandidates:
+    """Return placeholders of the proposals whose distances are computed, to prepare `PENETRATION`.
+
+    Args:
+        beam: Beams of M prefixes.
+    """
+    M = len(beam.kind)
+    numbers = np.zeros((M, EVALUATED), np.float32)
+    return _BeamCandidates(
+        q=np.zeros((M, EVALUATED, beam.q.shape[-1]), np.float32),
+        m=np.zeros((M, EVALUATED, PARAMETERS), np.float32),
+        origin=np.zeros((M, EVALUATED), np.int32),
+        cost=numbers,
+        overhang=numbers,
+    )
+
+
 @Program
 def _penetration(
     model: WorkcellModel, beam: KeyframeBeam, step: BeamStep, candidates: _BeamCandidates
@@ -399,6 +416,10 @@ def _penetration(
     )
     distance = measure(model, materialize(slices)).distance
     return jnp.maximum(-distance, 0).sum(1).reshape(M, E)
+
+
+PENETRATION = _penetration
+"""The program that computes distances of proposals; it takes longest to compile of all programs of an extension."""
 
 
 @Program

@@ -1,17 +1,23 @@
 """Verdicts on given sequences: those of a sweep, whatever else is asked; what the logic forbids is named."""
 
 import math
+from dataclasses import replace
 
 import pytest
+from relaxation_cases import WALLED
 
 from dvr_jax.checker.replay import check_motion
 from dvr_jax.dataset.labelling import LabelOptions
 from dvr_jax.errors import DvrError
 from dvr_jax.logic import Action, LogicError, enumerate_sequences
 from dvr_jax.operators import ground_scene
+from dvr_jax.planning.causes import with_causes
 from dvr_jax.planning.feasibility import feasibility
 from dvr_jax.planning.label_workers import label_scenes
+from dvr_jax.planning.planner import plan
 from dvr_jax.scene.types import OnRegion, Region, Scene, SceneObject
+from dvr_jax.search.explanation import Refutation
+from dvr_jax.search.reasons import APPROACH
 
 BOX = SceneObject("a", "box", (0.05, 0.15, 0.1), (-0.2, 0.1), 0.3)
 SCENE = Scene((BOX,), OnRegion("a", Region((-0.1, -0.2), 0.2, (0.22, 0.22))))
@@ -98,3 +104,27 @@ def test_actions_are_read_as_they_are_written() -> None:
     assert math.isnan(
         feasibility(SCENE, [["grasp(left, +y, a)", "place(left, a, goal)"]])[0].violation
     )
+
+
+def test_a_reason_of_the_optimizer_says_so_until_it_is_confirmed() -> None:
+    grasp = ["grasp(left, +y, cube)"]
+    (verdict,) = feasibility(WALLED, [grasp])
+    assert verdict.reason is not None and not verdict.reason.confirmed
+    assert APPROACH in str(verdict.reason)
+    (confirmed,) = feasibility(WALLED, [grasp], confirm_reasons=True)
+    assert confirmed.reason is not None and confirmed.reason.confirmed
+    assert APPROACH not in str(confirmed.reason) and "wall" in confirmed.reason.bodies
+
+
+def test_reported_sequences_get_confirmed_reasons() -> None:
+    """Those of a plan that was not found; the ones that are exact stay as they are."""
+    grasp = (Action.parse("grasp(left, +y, cube)"),)
+    wide = (Action.parse("grasp(left, +x, wall)"),)
+    verdicts = feasibility(WALLED, [grasp, wide])
+    refuted = [Refutation(v.actions, v.bound, v.reason) for v in verdicts if v.reason is not None]
+    found = plan(WALLED, "mbts", k_max=1)
+    result = with_causes(replace(found, refuted=tuple(refuted)))
+    assert [item.actions for item in result.refuted] == [grasp, wide]
+    assert [item.reason.confirmed for item in refuted] == [False, True]
+    assert all(item.reason.confirmed for item in result.refuted)
+    assert result.refuted[1] == refuted[1] and "wall" in result.refuted[0].reason.bodies

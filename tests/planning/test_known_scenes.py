@@ -1,10 +1,23 @@
 """Scenes whose least number of actions, or whose reason for having no solution, is known by construction."""
 
-import pytest
-from relaxation_cases import BYSTANDER, NEEDLESS_GRASP, OUT_OF_REACH, TOO_WIDE, obstructed
+from itertools import combinations
 
+import mujoco
+import pytest
+from relaxation_cases import (
+    BORDERLINE,
+    BYSTANDER,
+    HAND_STILL_FULL,
+    NEEDLESS_GRASP,
+    OUT_OF_REACH,
+    TOO_WIDE,
+    obstructed,
+)
+
+from dvr_jax.checker.tolerances import DEEPEST_CONTACT
 from dvr_jax.planning.planner import plan
 from dvr_jax.planning.result import Plan
+from dvr_jax.scene.mjcf import scene_xml
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.reasons import ReasonKind
 from dvr_jax.search.status import PlanStatus
@@ -48,6 +61,34 @@ def test_the_least_number_of_actions_is_found_if_it_is_asked_for() -> None:
     result = plan(NEEDLESS_GRASP, shortest=True)
     require_solved(result, 2)
     assert result.options["shortest"] is True
+
+
+def deepest_overlap(result: Plan) -> float:
+    """Return by how much two objects overlap at most after the plan, as MuJoCo measures it [m]; negative if apart."""
+    assert result.motion is not None
+    model = mujoco.MjModel.from_xml_string(scene_xml(result.scene))
+    data = mujoco.MjData(model)
+    data.qpos[:] = result.motion.qpos[-1]
+    mujoco.mj_forward(model, data)
+    geoms = [int(model.body(f"object/{name}").geomadr[0]) for name in result.scene.object_names]
+    return -min(
+        mujoco.mj_geomDistance(model, data, first, second, 1.0, None)
+        for first, second in combinations(geoms, 2)
+    )
+
+
+def test_a_hand_that_holds_what_was_in_the_way_is_no_obstacle() -> None:
+    result = plan(HAND_STILL_FULL)
+    assert result.solved and result.report is not None and result.report.passed
+    assert "grasp" in {a.operator for a in result.actions if "blocker" in a.arguments}
+    assert deepest_overlap(result) <= DEEPEST_CONTACT
+
+
+@pytest.mark.slow
+def test_no_plan_ends_with_overlapping_bodies() -> None:
+    result = plan(BORDERLINE, time_limit=600)
+    assert result.solved == (result.motion is not None)
+    assert not result.solved or deepest_overlap(result) <= DEEPEST_CONTACT
 
 
 @pytest.mark.slow

@@ -58,7 +58,7 @@ def test_a_scene_with_a_new_fact_is_planned_and_checked() -> None:
     assert scene.goal == dvr.Goal((OffRegion("a"),))
     assert scene_from_json(scene_to_json(scene)) == scene
 
-    plan = dvr.plan(scene, search="mbts", termination="feasible")
+    plan = dvr.plan(scene, search="mbts", termination="feasible", time_limit=1200)
     assert [action.operator for action in plan.actions] == ["grasp", "place"]
     assert plan.actions[-1].arguments[-1] == "table"
 

@@ -13,7 +13,8 @@ from dvr_jax.nlp.problem import Variables
 from dvr_jax.operators import OPERATORS
 from dvr_jax.scene.types import OnRegion, Region, Scene, SceneObject
 from dvr_jax.search import compile_ahead
-from dvr_jax.search.compile_ahead import compiling_ahead, likely_length
+from dvr_jax.search.compile_ahead import compiling_ahead
+from dvr_jax.search.first_guess import likely_length
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import ExtendBeams, SolveNlps, Steps, run_alone
 from dvr_jax.solver.sequential import SequentialSettings
@@ -107,14 +108,51 @@ def test_requests_pass_unchanged_and_correct_the_length(monkeypatch: pytest.Monk
     assert stop.value.value == "found"
 
     # The guess holds until several sequences are judged at a time; the path that is solved is no guess.
-    keyframes = [2]
+    beam_and_keyframes = [1, 2]
     assert lengths == [
-        (2, [2, 2, *keyframes]),
-        (2, [2, 2, *keyframes]),
-        (None, keyframes),
-        (3, [3, *keyframes]),
-        (3, [3, *keyframes]),
+        (2, [1, 2, 2, 2]),
+        (2, [1, 2, 2, 2]),
+        (None, beam_and_keyframes),
+        (3, [3, *beam_and_keyframes]),
+        (3, [3, *beam_and_keyframes]),
     ]
+
+
+def test_the_lower_bound_is_the_next_guess() -> None:
+    """Once it is final: the keyframes that are not judged yet, then the path and its optimum."""
+    tree = SequenceTree(SCENE, 6)
+    several: Any = ExtendBeams(None, ["one", "two"], 0)  # type: ignore[arg-type,list-item]
+    helpers = compile_ahead._Helpers(
+        SCENE, 6, None, OPERATORS, Termination.OPTIMAL, tree.relaxation
+    )
+    helpers._length = 3
+    helpers._soon = compile_ahead._jobs_of_length(3, is_optimal=True)
+
+    tree.relaxation.lower_bound = 5
+    helpers._learn(several)
+    assert helpers._length is None
+    assert not any(job.is_of_path for job in helpers._soon)
+
+    tree.relaxation.is_computed = True
+    helpers._soon.clear()
+    helpers._learn(request_of(3, 3, Settings()))
+    helpers._learn(several)
+    kinds = compile_ahead._JobKind
+    expected = [(kinds.KEYFRAMES, 4), (kinds.KEYFRAMES, 5), (kinds.PATH, 5), (kinds.OPTIMUM, 5)]
+    assert helpers._length == 5
+    assert [(job.kind, job.length) for job in helpers._soon] == expected
+    assert all(map(helpers._is_sure, helpers._soon))
+
+
+@pytest.mark.parametrize("bound", [1, 7])
+def test_a_lower_bound_that_no_plan_can_have_is_no_guess(bound: int) -> None:
+    tree = SequenceTree(SCENE, 6)
+    tree.relaxation.lower_bound = bound
+    tree.relaxation.is_computed = True
+    helpers = compile_ahead._Helpers(
+        SCENE, 6, None, OPERATORS, Termination.OPTIMAL, tree.relaxation
+    )
+    assert helpers._needed_actions() is None
 
 
 def test_nothing_is_done_where_nothing_is_compiled() -> None:

@@ -5,14 +5,31 @@ from dataclasses import replace
 import jax
 import numpy as np
 import pytest
-from relaxation_cases import OUT_OF_REACH, TOO_LARGE, TOO_WIDE, box, obstructed, single
+from relaxation_cases import (
+    OUT_OF_REACH,
+    TOO_LARGE,
+    TOO_WIDE,
+    WALLED,
+    box,
+    obstructed,
+    single,
+)
 
 from dvr_jax.logic import Action
 from dvr_jax.operators import OPERATORS
-from dvr_jax.scene.types import OnRegion, Region, Scene
+from dvr_jax.scene.types import Scene
 from dvr_jax.search.counterfactual import confirm, shifted, without_body
 from dvr_jax.search.explanation import explain_scene
-from dvr_jax.search.reasons import Reason, ReasonKind, centimeters, reach_reason, static_reason
+from dvr_jax.search.reasons import (
+    NO_MOTION,
+    Reason,
+    ReasonKind,
+    as_cause,
+    as_symptom,
+    centimeters,
+    reach_reason,
+    static_reason,
+)
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.search.work import run_alone
 
@@ -82,13 +99,10 @@ def test_what_stands_in_the_way_and_is_too_wide_is_named() -> None:
 
 
 def test_the_body_without_which_an_action_is_possible_is_the_reason() -> None:
-    beside = box("wall", (0.2, 0.02, 0.3), (-0.4, 0.045))
-    cube = box("cube", (0.05, 0.05, 0.05), (-0.4, 0.0))
-    scene = Scene((cube, beside), OnRegion("cube", Region((-0.4, -0.3), 0.0, (0.2, 0.2))))
     grasp = (Action.parse("grasp(left, +y, cube)"),)
     symptom = Reason(ReasonKind.REACH, str(grasp[0]), ("left arm", "cube"), 0.1, "Too short.")
     with jax.enable_x64(True):
-        (reason,) = confirm(scene, [(grasp, symptom)], 0, OPERATORS)
+        (reason,) = confirm(WALLED, [(grasp, symptom)], 0, OPERATORS)
     assert reason.kind == ReasonKind.COLLISION and reason.bodies == ("cube", "wall")
 
 
@@ -121,3 +135,20 @@ def test_a_shift_is_along_the_line_from_the_base() -> None:
 )
 def test_centimeters_are_short(length: float, text: str) -> None:
     assert centimeters(length) == text
+
+
+@pytest.mark.parametrize("before", ["", NO_MOTION])
+def test_a_symptom_says_that_it_is_one_and_a_confirmed_reason_does_not(before: str) -> None:
+    plain = Reason(ReasonKind.COLLISION, "place", ("a", "b"), 0.01, "When a is placed, b is near.")
+    symptom = as_symptom(plain)
+    assert (plain.confirmed, symptom.confirmed) == (True, False)
+    assert str(symptom) == "Closest approach found: when a is placed, b is near."
+    named = replace(symptom, sentence=before + symptom.sentence)
+    assert as_cause(named) == replace(plain, sentence=before + plain.sentence)
+
+
+def test_exact_reasons_are_confirmed() -> None:
+    assert scene_reason(TOO_WIDE).confirmed and scene_reason(TOO_LARGE).confirmed
+    # An arm that falls short by at least so much may fall short by more.
+    assert not scene_reason(OUT_OF_REACH).confirmed
+    assert scene_reason(obstructed(1), k_max=3).confirmed

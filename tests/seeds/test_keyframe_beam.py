@@ -32,7 +32,7 @@ def test_candidates_that_do_not_penetrate_are_feasible_keyframes(length: int) ->
                 int(problem.mode_kind[number - 1, problem.switched_object[number - 1]])
             )
             proposal = operator_of(actions[number - 1], OPERATORS).proposal(before)
-            (beam,) = extend_beams(model, [BeamTask(beam, problem, proposal)], [1], 3)
+            (beam,) = extend_beams(model, [BeamTask(beam, problem, proposal)], 3)
             proposals.add(proposal.name)
         x = Variables(beam.q.astype(float), beam.m.astype(float))
         problems = jax.tree.map(lambda leaf: np.stack([leaf] * BEAM_WIDTH), problem)

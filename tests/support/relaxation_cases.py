@@ -56,3 +56,50 @@ BYSTANDER = Scene(
     OnRegion("objR", Region((-0.25, 0.0), 0.0, (0.07, 0.07))),
 )
 """The way of the first box to a narrow target leads past the second one."""
+
+WALLED = Scene(
+    (
+        box("cube", (0.05, 0.05, 0.05), (-0.4, 0.0)),
+        box("wall", (0.2, 0.02, 0.3), (-0.4, 0.045)),
+    ),
+    OnRegion("cube", Region((-0.4, -0.3), 0.0, (0.2, 0.2))),
+)
+"""A cube whose +y face is next to a wall."""
+
+HAND_STILL_FULL = Scene(
+    (
+        box("blocker", (0.026595, 0.035769, 0.032128), (-0.130574, -0.142544)),
+        box("target", (0.056567, 0.077622, 0.05), (-0.412252, 0.183132)),
+    ),
+    OnRegion("target", Region((-0.102264, -0.132277), 0.0, (0.070709, 0.097028))),
+)
+"""A small box stands where the target is going to stand. A hand that holds the box at the end would be too near."""
+
+BORDERLINE = Scene(
+    (
+        box("target", (0.04, 0.032, 0.05), (-0.45, -0.3)),
+        box("b0", (0.03, 0.03, 0.05), (-0.42, -0.02)),
+        box("b1", (0.025, 0.04, 0.06), (-0.38, 0.03)),
+        box("b2", (0.04, 0.02, 0.03), (-0.3, 0.2)),
+        box("b3", (0.02, 0.02, 0.04), (-0.5, 0.2)),
+    ),
+    OnRegion("target", Region((-0.4, 0.0), 0.0, (0.05, 0.04))),
+)
+"""The second blocker overlaps with each placement of the target by little more than the tolerances of the check."""
+
+NO_LIFT = Scene(
+    (
+        SceneObject(
+            "yellow",
+            "box",
+            (0.0239556, 0.0239556, 0.0239556),
+            (-0.1808518, -0.6950229),
+            -0.8857563,
+        ),
+    ),
+    OnRegion("yellow", Region((-0.3145364, 0.0438701), 0.8326607, (0.0384606, 0.0384606))),
+)
+"""The left arm, which alone reaches the cube, has keyframes of all grasps, but no straight motion to the cube."""
+
+NO_LIFT_ACTIONS = ("grasp(left, -y, yellow)", "place(left, yellow, goal)")
+"""A sequence whose keyframes are feasible there."""

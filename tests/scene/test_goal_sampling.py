@@ -1,0 +1,31 @@
+"""Random goals of several objects."""
+
+import pytest
+
+from dvr_jax import OptionError, SceneError, load_scenes, sample_scenes, save_scenes
+from dvr_jax.goals import HandsEmpty, On
+from dvr_jax.scene.goal_sampling import scene_with_goals
+from dvr_jax.scene.start import goal_holds_at_start
+
+
+@pytest.mark.parametrize("goals", [2, 4])
+def test_sampled_goals_are_valid_scenes(goals: int, tmp_path) -> None:
+    scenes = list(sample_scenes(8, objects=4, seed=5, goals=goals))
+    plain = list(sample_scenes(8, objects=4, seed=5))
+    for scene, base in zip(scenes, plain, strict=True):
+        assert scene.objects == base.objects
+        named = [fact.object for fact in scene.goal.facts if isinstance(fact, On)]
+        assert len(set(named)) == goals and named[0] == base.paper_goal.object
+        assert scene.goal.facts[-1] == HandsEmpty()
+        assert not goal_holds_at_start(scene)
+    save_scenes(tmp_path / "s.jsonl", scenes)
+    assert load_scenes(tmp_path / "s.jsonl") == tuple(scenes)
+    assert list(sample_scenes(3, objects=4, seed=5, goals=goals)) == scenes[:3]
+
+
+def test_more_goals_than_objects_are_refused() -> None:
+    [scene] = sample_scenes(1, objects=2, seed=0)
+    with pytest.raises(SceneError, match="3 objects of 2 are wanted"):
+        scene_with_goals(scene, 3, (0, 0))
+    with pytest.raises(OptionError, match="goals is 3; valid is 1 to the number of objects, 2"):
+        next(iter(sample_scenes(1, objects=2, goals=3)))
