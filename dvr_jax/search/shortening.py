@@ -16,6 +16,9 @@ from dvr_jax.operators import Operator, Parameter, operator_of
 from dvr_jax.search.node import Node
 from dvr_jax.search.tree import SequenceTree
 
+MOST_SUBSEQUENCES = 10_000
+"""Largest number of subsequences that are enumerated; a leaf of 13 actions has fewer than this."""
+
 MOST_LEAVES = 128
 """Largest number of shorter sequences; the shortest ones come first."""
 
@@ -29,7 +32,7 @@ def shorter_leaves(tree: SequenceTree, leaf: Node) -> list[Node]:
     """
     chosen = [
         actions
-        for actions in _subsequences(tree, leaf.actions)
+        for actions in islice(_subsequences(tree, leaf.actions), MOST_SUBSEQUENCES)
         if tree.relaxation.lower_bound <= len(actions) < leaf.depth
         and not (tree.is_relaxed and _is_obstructed(tree, actions))
     ]
