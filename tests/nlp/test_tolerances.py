@@ -32,6 +32,7 @@ EXPECTED = {
     "joint_limit": 1e-3,
     "parameter_bound": 1e-3,
     "footprint": 1e-3,
+    "kept_clear": 1e-3,
     "sideways": 2e-3,
     "turn": 2e-2,
     "approach": 2e-3,
@@ -47,7 +48,10 @@ SHORT = 1e-10
 """Length of a straight motion that every motion has [m]."""
 
 ROOM = 0.1
-"""How far the placed object's footprint is from the border of its support [m]."""
+"""How far the placed object's footprint is from the border of its support, and from a region that stays clear [m]."""
+
+REGION = 0.05
+"""Half the width of that region [m]."""
 
 lay_out_program = Program(lay_out)
 measure_program = Program(measure)
@@ -127,11 +131,16 @@ def good() -> Point:
     prism[0, 2] = center[2]
     m[1, :3] = [center[0], center[1], yaw]
     support[1] = [center[0], center[1], yaw, prism[0, 0] + ROOM, prism[0, 1] + ROOM]
-    return Point(
-        FACING.model,
-        path._replace(initial_pose=pose, prism=prism, support=support),
-        x._replace(m=m),
-    )
+    path = path._replace(initial_pose=pose, prism=prism, support=support)
+    return Point(FACING.model, path._replace(kept_clear=clear_region(path, -ROOM)), x._replace(m=m))
+
+
+def clear_region(problem: Problem, covered: float) -> np.ndarray:
+    """A region beside the placed object, along its x axis, that the object covers by a depth [m]."""
+    x, y, yaw = problem.support[1, :3]
+    away = problem.prism[0, 0] + REGION - covered
+    region = [x + away * np.cos(yaw), y + away * np.sin(yaw), yaw, REGION, REGION]
+    return np.array([[np.zeros(5)], [region]])
 
 
 def violate(point: Point, kind: str, amount: float) -> Point:
@@ -159,6 +168,8 @@ def violate(point: Point, kind: str, amount: float) -> Point:
         support = problem.support.copy()
         support[1, 4] -= ROOM + amount
         return point.with_problem(support=support)
+    if kind == "kept_clear":
+        return point.with_problem(kept_clear=clear_region(problem, amount))
     if kind == "approach":
         return point.with_problem(straight_distance=np.array([[0.0, amount], [0.0, 0.0]]))
     if kind in ("sideways", "turn"):

@@ -40,11 +40,12 @@ def test_no_action_is_needed(tmp_path: Path) -> None:
     assert encode_film(scene, (), plan.motion).startswith(b"\x89PNG")
 
 
-def test_an_object_that_reaches_over_the_border_is_not_yet_there() -> None:
-    """The region ends at -0.325 + 1 um: the cube reaches over it by less than any tolerance of the check."""
+def test_an_object_may_reach_over_the_border_as_far_as_after_a_plan() -> None:
+    """By 1 mm: the cube ends at -0.325, and the region 1 mm and 1 um before it."""
     from dvr_jax.checker import CHECKS
     from dvr_jax.operators import OPERATORS
     from dvr_jax.planning.goal_met import resting_plan
 
-    assert resting_plan(scene_with_region_at(-0.385 - 1e-6), OPERATORS, CHECKS, {}) is None
-    assert resting_plan(scene_with_region_at(-0.385 + 1e-6), OPERATORS, CHECKS, {}) is not None
+    too_far = scene_with_region_at(-0.386 - 1e-6)
+    assert resting_plan(too_far, OPERATORS, CHECKS, {}) is None
+    assert resting_plan(scene_with_region_at(-0.386 + 1e-6), OPERATORS, CHECKS, {}) is not None
