@@ -141,7 +141,7 @@ def _true_entries(mask: Bool[Array, "samples pairs"], number: int) -> Int[Array,
     group, rest = _place(in_groups[chosen], rest)
     first = group * GROUP
     pair = first[:, None] + jnp.arange(GROUP)
-    entries = counted.at[chosen[:, None], pair].get(mode="fill", fill_value=0)
+    entries = jnp.asarray(counted).at[chosen[:, None], pair].get(mode="fill", fill_value=0)
     place, _ = _place(entries, rest)
 
     index = sample * pairs + first + place
