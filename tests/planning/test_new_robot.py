@@ -79,7 +79,13 @@ def test_the_inverse_kinematics_finds_the_posture_that_mujoco_shows(robot: Robot
         np.testing.assert_allclose(center[:, 0], p[:, lane], atol=1e-6)
 
 
-@pytest.mark.parametrize("robot", ROBOTS.values(), ids=ROBOTS)
+@pytest.mark.parametrize(
+    "robot",
+    [
+        pytest.param(robot, id=name, marks=pytest.mark.slow if robot is LONG_PANDA else ())
+        for name, robot in ROBOTS.items()
+    ],
+)
 def test_it_carries_a_box(robot: Robot) -> None:
     scene = single_arm(robot)
     validate_scene(scene)

@@ -53,6 +53,7 @@ def test_two_objects_on_a_plate_with_the_network() -> None:
     assert again.solved and again.actions == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("search", ["mbts"])
 def test_a_region_is_cleared_and_stays_clear(search: str) -> None:
     scene = Scene(
