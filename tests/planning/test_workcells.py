@@ -14,7 +14,7 @@ from dvr_jax.scene.validation import validate_scene
 from dvr_jax.search.status import PlanStatus
 from dvr_jax.workcell.workcell import DEFAULT_WORKCELL, WORKCELLS
 
-FAST = ("facing-1.0", "single")
+FAST = ("single",)
 """Workcells whose scenes are planned in every run; the others are slow."""
 
 SCENE_NUMBERS = dict.fromkeys(WORKCELLS, 0)
@@ -51,6 +51,7 @@ BOARD = FixedBody("shelf board", "box", (0.30, 0.30, 0.03), (-0.35, 0.30, 0.45),
 """Above the box: it cannot be lifted far."""
 
 
+@pytest.mark.slow
 def test_an_arm_carries_a_box_over_a_wall() -> None:
     scene = replace(OPEN, fixed=(WALL,))
     validate_scene(scene)
