@@ -134,3 +134,8 @@ def setup(app: Sphinx) -> None:
     app.connect("autodoc-process-docstring", document_value, priority=300)
     # Before napoleon, which rewrites the sections at priority 500.
     app.connect("autodoc-process-docstring", require_hanging_indents, priority=400)
+
+
+suppress_warnings = ["ref.python"]
+"""Several classes have an attribute `object`, with which Sphinx confuses Python's type of this name. References without
+any target are still errors."""
