@@ -82,6 +82,16 @@ def resolve_by_public_name(
     return link
 
 
+def unlink_builtin_object(app: Sphinx, document: Element) -> None:
+    """Show Python's type `object` without a link.
+
+    Sphinx looks for the end of a name and would find the attributes `object` of several classes.
+    """
+    for node in list(document.findall(pending_xref)):
+        if node.get("reftarget") == "object":
+            node.replace_self(node.children)
+
+
 def document_value(
     app: Sphinx, what: str, name: str, value: object, options: object, lines: list[str]
 ) -> None:
@@ -131,11 +141,7 @@ def require_hanging_indents(
 def setup(app: Sphinx) -> None:
     """Register the handlers."""
     app.connect("missing-reference", resolve_by_public_name)
+    app.connect("doctree-read", unlink_builtin_object)
     app.connect("autodoc-process-docstring", document_value, priority=300)
     # Before napoleon, which rewrites the sections at priority 500.
     app.connect("autodoc-process-docstring", require_hanging_indents, priority=400)
-
-
-suppress_warnings = ["ref.python"]
-"""Several classes have an attribute `object`, with which Sphinx confuses Python's type of this name. References without
-any target are still errors."""

@@ -13,7 +13,7 @@ from dvr_jax.search.counterfactual import confirm
 def with_causes(result: Plan) -> Plan:
     """Return a plan whose refuted sequences have confirmed reasons, where a single change of the scene confirms one.
 
-    Few sequences are reported, so that this takes about a second. Reasons that no change confirms stay symptoms.
+    Reasons that no change confirms stay symptoms.
 
     Args:
         result: A plan that is not solved.

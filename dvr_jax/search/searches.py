@@ -48,7 +48,7 @@ SPARE_ACTIONS = 4
 
 LONGER_WORK = 6_000
 """Largest number of slices of all NLPs and beams for sequences of more than the usual number of actions, where the
-caller states none. They take about 4 ms each."""
+caller states none."""
 
 Judge = Callable[[list[Node]], Steps[list[Node]]]
 """Function that computes a bound of nodes and returns the nodes that pass."""

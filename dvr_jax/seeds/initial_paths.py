@@ -158,10 +158,10 @@ def window_path_problem(
 ) -> tuple[Problem, Variables]:
     """Return the path NLP of the last action of a window, and a start of it.
 
-    It is a relaxation of the path NLPs of all sequences that contain the window, in which other actions may come before
-    and between those of the window. Only the last phase counts, and not what happens right after the switch that it
-    begins with: straight motions and clearances are asked for from then on. How the arms get from home to the beginning
-    of this phase is up to the optimizer.
+    Only the last phase counts, and not what happens right after the switch that it begins with: straight motions and
+    clearances are asked for from then on. The NLP is a relaxation of those of all sequences that contain the window, in
+    which other actions may come before and between those of the window, but for one thing: before the last phase the
+    arms go from home to its beginning within as many slices as there are, without touching each other or the table.
 
     Args:
         model: Arms of the workcell.

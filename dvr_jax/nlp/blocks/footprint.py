@@ -23,6 +23,7 @@ from jaxtyping import Float
 
 from dvr_jax.geometry.arrays import Array
 from dvr_jax.modes.mode import PARAMETERS
+from dvr_jax.nlp.blocks.action_rows import add_action_rows
 from dvr_jax.nlp.blocks.block import (
     ConstraintBlock,
     ConstraintKind,
@@ -31,8 +32,7 @@ from dvr_jax.nlp.blocks.block import (
     Horizon,
     Measure,
 )
-from dvr_jax.nlp.problem import Problem, Variables
-from dvr_jax.nlp.system import SystemParts
+from dvr_jax.nlp.problem import Problem
 
 FOOTPRINT_TOLERANCE = 1e-3
 """Largest distance by which the footprint of a feasible point may extend beyond its support [m]."""
@@ -101,27 +101,6 @@ def _overhang(
     return rows.reshape(B, K, -1), jacobian.reshape(B, K, -1, PARAMETERS)
 
 
-def _add_to_system(
-    parts: SystemParts,
-    problem: Problem,
-    x: Variables,
-    jacobian: Float[Array, "phases 16 parameters"],
-    multiplier_estimate: Array,
-    active_penalty: Array,
-) -> SystemParts:
-    """Add the rows to the corner of the system: every action has its own 4 x 4 block on the diagonal."""
-    K = len(x.m)
-    own = jnp.einsum("kri,krj,kr->kij", jacobian, jacobian, active_penalty)
-    corner = jnp.einsum("kij,kl->kilj", own, jnp.eye(K, dtype=own.dtype)).reshape(
-        K * PARAMETERS, -1
-    )
-    return parts._replace(
-        corner=parts.corner + corner,
-        gradient_m=parts.gradient_m
-        + jnp.einsum("kri,kr->ki", jacobian, multiplier_estimate).reshape(-1),
-    )
-
-
 FOOTPRINT = ConstraintBlock(
     name="footprint",
     kind=ConstraintKind.INEQUALITY,
@@ -129,6 +108,6 @@ FOOTPRINT = ConstraintBlock(
     shape=_shape,
     scale=_scale,
     evaluate=_evaluate,
-    add_to_system=_add_to_system,
+    add_to_system=add_action_rows,
 )
 """The block that keeps footprints within their supports."""

@@ -8,11 +8,10 @@ a region that the action may cover, the row is the constant -1.
 from __future__ import annotations
 
 import jax.numpy as jnp
-from jaxtyping import Float
 
-from dvr_jax.geometry.arrays import Array
 from dvr_jax.geometry.intrusion import intrusion
 from dvr_jax.modes.mode import PARAMETERS
+from dvr_jax.nlp.blocks.action_rows import add_action_rows
 from dvr_jax.nlp.blocks.block import (
     ConstraintBlock,
     ConstraintKind,
@@ -21,8 +20,6 @@ from dvr_jax.nlp.blocks.block import (
     Horizon,
     Measure,
 )
-from dvr_jax.nlp.problem import Problem, Variables
-from dvr_jax.nlp.system import SystemParts
 
 KEPT_CLEAR_TOLERANCE = 1e-3
 """Depth by which the footprint of a feasible point may cover a region that has to be clear [m]."""
@@ -58,29 +55,6 @@ def _evaluate(given: EvaluationInput) -> Evaluation:
     return Evaluation(rows, jacobian, (jnp.maximum(rows.max(axis=(1, 2)), 0),))
 
 
-def _add_to_system(
-    parts: SystemParts,
-    problem: Problem,
-    x: Variables,
-    jacobian: Float[Array, "phases regions parameters"],
-    multiplier_estimate: Array,
-    active_penalty: Array,
-) -> SystemParts:
-    """Add the rows to the corner of the system: every action has its own 4 x 4 block on the diagonal."""
-    if jacobian.shape[-2] == 0:
-        return parts
-    K = len(x.m)
-    own = jnp.einsum("kri,krj,kr->kij", jacobian, jacobian, active_penalty)
-    corner = jnp.einsum("kij,kl->kilj", own, jnp.eye(K, dtype=own.dtype)).reshape(
-        K * PARAMETERS, -1
-    )
-    return parts._replace(
-        corner=parts.corner + corner,
-        gradient_m=parts.gradient_m
-        + jnp.einsum("kri,kr->ki", jacobian, multiplier_estimate).reshape(-1),
-    )
-
-
 KEPT_CLEAR = ConstraintBlock(
     name="kept_clear",
     kind=ConstraintKind.INEQUALITY,
@@ -88,6 +62,6 @@ KEPT_CLEAR = ConstraintBlock(
     shape=_shape,
     scale=_scale,
     evaluate=_evaluate,
-    add_to_system=_add_to_system,
+    add_to_system=add_action_rows,
 )
 """The block that keeps placed objects off regions that have to be clear at the end."""
