@@ -35,6 +35,9 @@ BENCHMARKS: dict[str, Benchmark] = {
         "execute",
         "plan sampled scenes and execute the plans in physics: successes, causes of failure",
     ),
+    "public": Benchmark(
+        "public", "scenes of public benchmarks: solved, seconds, actions, physics"
+    ),
     "motions": Benchmark(
         "motions",
         "plan sampled scenes and measure the motions: durations, limits, clearances of meshes",
