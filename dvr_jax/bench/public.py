@@ -131,7 +131,11 @@ def solve_problems(options: PublicOptions) -> Iterator[Row]:
         for task in as_completed(tasks):
             row = task.result()
             results_file.add(row)
-            print(f"  {row['family']} {row['problem']}, {row['search']}: {_outcome(row)}", file=sys.stderr, flush=True)
+            print(
+                f"  {row['family']} {row['problem']}, {row['search']}: {_outcome(row)}",
+                file=sys.stderr,
+                flush=True,
+            )
             yield row
 
 
@@ -170,12 +174,16 @@ def describe(rows: Sequence[Row]) -> list[str]:
         if of_family:
             lines.append(f"{family.name}: {family.title} ({family.source})")
         for search in dict.fromkeys(row["search"] for row in of_family):
-            lines.append(f"  {search:<10} {_figures([row for row in of_family if row['search'] == search])}")
+            lines.append(
+                f"  {search:<10} {_figures([row for row in of_family if row['search'] == search])}"
+            )
 
     failed = [row for row in rows if not row.get("succeeded", True)]
     executed = sum("succeeded" in row for row in rows)
     if executed:
-        lines.append(f"physics: {executed - len(failed)} of {executed} plans succeed ({1 - len(failed) / executed:.0%})")
+        lines.append(
+            f"physics: {executed - len(failed)} of {executed} plans succeed ({1 - len(failed) / executed:.0%})"
+        )
     for cause, count in Counter(row["cause"] for row in failed).most_common():
         lines.append(f"  {count} failed: {cause}")
     return lines

@@ -149,7 +149,9 @@ def _place_apart(
         own = Rectangle(center, (size[0] / 2, size[1] / 2), 0.0)
         if all(signed_distance(own, other) >= gap for other in others):
             return center
-    raise SceneError("there is no room for another box; valid is a box that fits between the others.")
+    raise SceneError(
+        "there is no room for another box; valid is a box that fits between the others."
+    )
 
 
 def _draw_transfer(generator: np.random.Generator, index: int) -> Scene:
@@ -171,7 +173,7 @@ def _draw_transfer(generator: np.random.Generator, index: int) -> Scene:
 
 
 def _draw_occupied(generator: np.random.Generator, index: int) -> Scene:
-    """A block whose region of 4 to 10 cm is 25 % larger than itself, and 0 to 4 obstructions, most of them on the region.
+    """A block whose region of 4 to 10 cm is 25 % larger than itself, and 0 to 4 obstructions, most of them on it.
 
     The table of the source, 40 x 80 cm, begins 22 cm in front of its arm; here it does so in front of the left arm.
     """
@@ -241,7 +243,7 @@ def _draw_plate(generator: np.random.Generator, index: int) -> Scene:
 
 
 def _draw_tray(generator: np.random.Generator, index: int) -> Scene:
-    """Two bars on the right of two arms that stand side by side, and a tray on their left, on which another bar lies."""
+    """Two bars on the right of two arms that stand side by side, and a tray on their left with another bar on it."""
     tray = FixedBody("tray", "box", (0.4, 0.4, 0.04), (-0.6, 0.1, 0.02), 0.0)
     bar = (0.2, 0.06, 0.06)
     objects = [
@@ -252,6 +254,44 @@ def _draw_tray(generator: np.random.Generator, index: int) -> Scene:
     top = Region((-0.6, 0.1), 0.0, (0.4, 0.4), name="top", support="tray")
     goal = Goal((On("bar1", "top"), On("bar2", "top"), HandsEmpty()))
     return make_scene(objects, goal, SIDE_BY_SIDE_WORKCELL, fixed=[tray], regions=[top])
+
+
+def _draw_shelf(generator: np.random.Generator, index: int) -> Scene:
+    """One or two blocks of 10 x 5 x 5 cm on the table, and a shelf of two boards whose lower one they belong on.
+
+    The boards are 25.4 x 60.2 cm large, 1.27 cm thick and 25.4 cm apart, with walls on three sides. The open side looks
+    at the left arm, whose base is 64 cm in front of the middle.
+    """
+    thickness = 0.0127
+    depth = 0.254
+    width = 0.602
+    x, y = _uniform(generator, (-0.13, -0.15), (-0.09, 0.15))
+    heights = (0.254, 0.508)
+    top = heights[1]
+    boards = [
+        FixedBody(name, "box", (depth, width, thickness), (x, y, height - thickness / 2), 0.0)
+        for name, height in zip(("lower", "upper"), heights, strict=True)
+    ]
+    back = x + (depth + thickness) / 2
+    side = (width + thickness) / 2
+    walls = [
+        FixedBody("back", "box", (thickness, width, top), (back, y, top / 2), 0.0),
+        FixedBody("wall1", "box", (depth, thickness, top), (x, y - side, top / 2), 0.0),
+        FixedBody("wall2", "box", (depth, thickness, top), (x, y + side, top / 2), 0.0),
+    ]
+    region = Region((x, y), 0.0, (depth, width), name="board", support="lower")
+
+    objects: list[SceneObject] = []
+    size = (0.1, 0.05, 0.05)
+    for number in range(1 + index % 2):
+        taken = [item.footprint for item in objects if isinstance(item.footprint, Rectangle)]
+        position = _place_apart(generator, size[:2], (-0.5, -0.4), (-0.32, 0.4), taken, 0.05)
+        objects.append(SceneObject(f"block{number}", "box", size, position, 0.0))
+
+    facts = tuple(On(item.name, "board") for item in objects)
+    return make_scene(
+        objects, Goal((*facts, HandsEmpty())), fixed=[*boards, *walls], regions=[region]
+    )
 
 
 FAMILIES: tuple[Family, ...] = (
@@ -282,6 +322,13 @@ FAMILIES: tuple[Family, ...] = (
         "rai, two Pandas and a tray (MIT)",
         1,
         _draw_tray,
+    ),
+    Family(
+        "shelf",
+        "one or two blocks onto the lower board of a shelf",
+        "KinDER, Shelf3D (MIT)",
+        20,
+        _draw_shelf,
     ),
 )
 """The families, in the order of the file."""
