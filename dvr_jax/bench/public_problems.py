@@ -189,11 +189,12 @@ def _draw_occupied(generator: np.random.Generator, index: int) -> Scene:
     region_size = np.round(generator.uniform(0.04, 0.1, 2), 4)
     center = _uniform(generator, *on_table(region_size))
     region = Region(center, 0.0, (float(region_size[0]), float(region_size[1])), name="target")
-    block_size = (*(float(side) for side in np.round(0.8 * region_size, 4)), 0.05)
+    sides = np.round(0.8 * region_size, 4)
+    block_size = (float(sides[0]), float(sides[1]), 0.05)
     position = _place_apart(
         generator,
         block_size[:2],
-        *on_table(np.array(block_size)),
+        *on_table(sides),
         [region.footprint],
         BODY_GAP,
     )

@@ -38,6 +38,9 @@ BENCHMARKS: dict[str, Benchmark] = {
     "public": Benchmark(
         "public", "scenes of public benchmarks: solved, seconds, actions, physics"
     ),
+    "chains": Benchmark(
+        "chains", "random goals in succession, each from the scene that the last plan leaves"
+    ),
     "motions": Benchmark(
         "motions",
         "plan sampled scenes and measure the motions: durations, limits, clearances of meshes",

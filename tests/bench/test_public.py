@@ -75,7 +75,9 @@ def test_the_table_counts_what_is_solved_and_what_succeeds() -> None:
         {**row, "problem": 2, "seconds": 60.0, "length": 0, "passed": False},
     ]
     lines = describe(rows)
-    assert "solved 2 of 3, physics 1 of 2, median 4.00 s, at most 60.00 s, actions: 2 x 10" in lines[1]
+    assert (
+        "solved 2 of 3, physics 1 of 2, median 4.00 s, at most 60.00 s, actions: 2 x 10" in lines[1]
+    )
     assert lines[2] == "physics: 1 of 2 plans succeed (50%)"
     assert lines[3] == "  1 failed: slipped"
 
