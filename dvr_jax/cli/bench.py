@@ -35,9 +35,7 @@ BENCHMARKS: dict[str, Benchmark] = {
         "execute",
         "plan sampled scenes and execute the plans in physics: successes, causes of failure",
     ),
-    "public": Benchmark(
-        "public", "scenes of public benchmarks: solved, seconds, actions, physics"
-    ),
+    "public": Benchmark("public", "scenes of public benchmarks: solved, seconds, actions, physics"),
     "chains": Benchmark(
         "chains", "random goals in succession, each from the scene that the last plan leaves"
     ),
