@@ -33,8 +33,9 @@ LIMITS = {
     REGION_COVERED.name: 5e-3,
     GOAL_OFF_HAND.name: 5e-3,
 }
-"""Largest tilt [rad], largest height above the support, overhang over the region's edge, distance of a center beyond the
-part of a top that carries it (it is still over the top then), depth in a region that has to be clear, and distance of the gripper's center from a held object [m]."""
+"""Largest tilt [rad], largest height above the support, overhang over the region's edge, distance of a center beyond
+the part of a top that carries it (it is still over the top then), depth in a region that has to be clear, and distance
+of the gripper's center from a held object [m]."""
 
 
 def goal_holds(scene: Scene, timeline: Timeline, state: Float[np.ndarray, " nq"]) -> bool:

@@ -126,8 +126,8 @@ class Problem(NamedTuple):
     """Rectangles that the placed object must not cover, as `support`; zeros where there is none."""
 
     top_object: Int[Array, "*batch phases tops"]
-    """Index of the object on which action k puts its object; 0, without meaning, where `top_half` is zero. The last axis
-    has the length 1 in a scene in which objects are supports, else 0."""
+    """Index of the object on which action k puts its object; 0, without meaning, where `top_half` is zero. The last
+    axis has the length 1 in a scene in which objects are supports, else 0."""
 
     top_half: Float[Array, "*batch phases tops 2"]
     """Half extents of the area on its top, in its own frame, where the center of the upper object may be [m]."""

@@ -117,8 +117,8 @@ class ModeSwitch:
     """Weights of the squared mode parameters in the cost [1/m^2 or 1/rad^2]; small parameters are preferred."""
 
     support: Rectangle | None = None
-    """Area, seen from above, on which the object is placed; None if the action does not place it, or places it on another
-    object, whose position an earlier action may decide (`top`)."""
+    """Area, seen from above, on which the object is placed; None if the action does not place it, or places it on
+    another object, whose position an earlier action may decide (`top`)."""
 
     inner_prism: FourFloats = (0.0, 0.0, 0.0, 0.0)
     """Prism (hx, hy, hz, r) of the part of the object whose outline has to lie within the support: the object itself,

@@ -194,9 +194,8 @@ def _propose_place(
     step: BeamStep, before: ObjectBefore, u: Float[Array, "numbers candidates proposals"]
 ) -> ProposedPoses:
     """Do the work of `propose_place`, for the switched objects alone."""
-    area = jnp.asarray(step.support)
-    area = area[:, None] if area.ndim == 2 else area
-    support = [area[..., None, i] for i in range(5)]
+    area = step.support[:, None] if step.support.ndim == 2 else step.support
+    support: list[Array] = [area[..., None, i] for i in range(5)]
     prism = [of_item(step.prism[..., i], step) for i in range(4)]
     inner = [step.inner_prism[:, None, None, i] for i in range(4)]
 

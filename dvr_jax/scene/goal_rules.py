@@ -170,8 +170,8 @@ def _require_possible_stacks(scene: Scene) -> None:
         lower = objects.get(lower_of[name])
         if lower is not None and min(top_half_extents(lower)) < TOP_MARGIN:
             raise SceneError(
-                f"the goal wants {name!r} on {lower.name!r}, whose top is too small: the center of an object is at least "
-                f"{1000 * TOP_MARGIN:g} mm from its edge."
+                f"the goal wants {name!r} on {lower.name!r}, whose top is too small: the center of an object is at "
+                f"least {1000 * TOP_MARGIN:g} mm from its edge."
             )
 
 

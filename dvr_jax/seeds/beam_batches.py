@@ -13,6 +13,7 @@ from typing import Any
 
 import jax
 import numpy as np
+from jaxtyping import Float
 
 from dvr_jax.modes.mode import ModeKind
 from dvr_jax.nlp.problem import Problem, number_of_phases
