@@ -12,8 +12,10 @@ from stack_cases import APART, PILE, PLATE, cube
 
 from dvr_jax.errors import SceneError
 from dvr_jax.goals import Goal, HandsEmpty, Holding, On
+from dvr_jax.scene.camera import render_depth
 from dvr_jax.scene.files import scene_from_json, scene_to_json
 from dvr_jax.scene.mjcf import build_home_data, build_model, object_body_name
+from dvr_jax.scene.pinhole import SCENE_CAMERA
 from dvr_jax.scene.stacks import objects_above
 from dvr_jax.scene.start import goal_holds_at_start, objects_as_supports, start_facts
 from dvr_jax.scene.types import FixedBody, Scene, SceneObject
@@ -44,6 +46,18 @@ def test_the_bodies_of_mujoco_stand_on_each_other() -> None:
         center = data.body(object_body_name(item.name)).xpos
         np.testing.assert_allclose(center, [*item.position, bottom + item.height / 2], atol=1e-12)
     assert np.abs(np.asarray(data.contact.dist)).max(initial=0) < 1e-6
+
+
+def test_the_camera_sees_the_tops_of_stacks() -> None:
+    """The ray to the top of the pile ends there, and hits none of the lower cubes."""
+    image = render_depth(SCENE, 256, 256)
+    top = np.array([*PILE[2].position, 0.27])
+    rays = SCENE_CAMERA.pixel_rays(256, 256)
+    way = top - np.asarray(SCENE_CAMERA.position)
+    unit = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+    pixel = np.unravel_index(np.argmax(unit @ (way / np.linalg.norm(way))), (256, 256))
+    assert image.depth[pixel] == pytest.approx(SCENE_CAMERA.position[2] - 0.27, abs=1e-4)
+    np.testing.assert_array_equal(image.object_masks[:, *pixel], [False, False, True, False, False])
 
 
 def test_a_pile_of_three_stands_in_physics() -> None:
