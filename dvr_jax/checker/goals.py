@@ -59,10 +59,12 @@ def check_facts(goal: Goal, motion: ReplayedMotion, timeline: Timeline, log: Fin
 
 @check_goal.register
 def check_on(fact: On, motion: ReplayedMotion, timeline: Timeline, log: FindingLog) -> None:
-    """Check that the object stands on the region and that no arm holds it."""
+    """Check that the object stands on the region or the other object, and that no arm holds one of the two."""
     index = motion.scene.object_index(fact.object)
     _check_released(index, motion, timeline, log)
-    check_standing(motion, index, fact.region, motion.last_sample, log)
+    check_standing(motion, index, fact.support, motion.last_sample, log)
+    if fact.support not in motion.scene.supports():
+        _check_released(motion.scene.object_index(fact.support), motion, timeline, log)
 
 
 @check_goal.register

@@ -75,6 +75,10 @@ SUPPORT_OVERHANG = FindingKind(
     "support overhang", "{0} reaches {value} over the border of the {1}", "mm"
 )
 
+OFF_TOP = FindingKind(
+    "off top", "the center of {0} is {value} beyond the part of {1}'s top that carries it", "mm"
+)
+
 REGION_COVERED = FindingKind("region covered", "{0} covers {value} of the {1}", "mm")
 
 GOAL_HELD = FindingKind("goal held", "the goal's {0} is still held by the {1} gripper", "")
@@ -110,6 +114,7 @@ KINDS = (
     SUPPORT_TILT,
     SUPPORT_HEIGHT,
     SUPPORT_OVERHANG,
+    OFF_TOP,
     REGION_COVERED,
     GOAL_HELD,
     GOAL_NOT_HELD,

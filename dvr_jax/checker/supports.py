@@ -1,10 +1,12 @@
-"""The check that an object stands on a support, and that no object covers a region."""
+"""The check that an object stands on a support or on another object, and that no object covers a region."""
 
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Float
 
 from dvr_jax.checker.kinds import (
+    OFF_TOP,
     REGION_COVERED,
     SUPPORT_HEIGHT,
     SUPPORT_OVERHANG,
@@ -13,7 +15,7 @@ from dvr_jax.checker.kinds import (
 from dvr_jax.checker.replayed_motion import ReplayedMotion
 from dvr_jax.checker.report import FindingLog
 from dvr_jax.checker.shapes import Outline, shape_check_named
-from dvr_jax.checker.tolerances import SUPPORT_TOLERANCE, TURN
+from dvr_jax.checker.tolerances import SUPPORT_TOLERANCE, TOP_MARGIN, TURN
 from dvr_jax.geometry.footprint import Rectangle
 from dvr_jax.goals import Inside
 
@@ -33,7 +35,7 @@ def check_standing(
     Args:
         motion: The replayed motion.
         index: Number of the object.
-        support: Name of the support.
+        support: Name of the support: the table, a region, or another object.
         sample: Sample to look at.
         log: Takes the findings.
     """
@@ -47,7 +49,10 @@ def check_standing(
     log.add(SUPPORT_TILT, sample, names, float(tilt), TURN)
 
     height = shape.lowest_point(item.size, position, rotation)
-    place = motion.scene.supports()[support]
+    place = motion.scene.supports().get(support)
+    if place is None:
+        _check_on_top(motion, index, support, sample, height, log)
+        return
     log.add(SUPPORT_HEIGHT, sample, names, abs(height - place.height), SUPPORT_TOLERANCE)
 
     # Overhang of every point of the outline, or of the center alone, over each of the four borders.
@@ -57,6 +62,54 @@ def check_standing(
     local = (outline.points - place.area.center) @ place.area.axes().T
     overhang = np.abs(local) + outline.radius - place.area.half
     log.add(SUPPORT_OVERHANG, sample, names, float(overhang.max()), SUPPORT_TOLERANCE)
+
+
+def _check_on_top(
+    motion: ReplayedMotion, index: int, support: str, sample: int, bottom: float, log: FindingLog
+) -> None:
+    """Check that an object stands at the height of another object's top, with its center over it.
+
+    Args:
+        motion: The replayed motion.
+        index: Number of the upper object.
+        support: Name of the lower object, which stands upright too.
+        sample: Sample to look at.
+        bottom: Height of the lowest point of the upper object [m].
+        log: Takes the findings.
+    """
+    below = motion.scene.object_index(support)
+    lower = motion.scene.objects[below]
+    shape = shape_check_named(lower.shape)
+    position = motion.object_positions[sample, below]
+    rotation = motion.object_rotations[sample, below]
+    names = (motion.object_label(index), motion.object_label(below))
+
+    # The center of an object is in the middle of its height.
+    top = 2 * position[2] - shape.lowest_point(lower.size, position, rotation)
+    log.add(SUPPORT_HEIGHT, sample, names, abs(bottom - float(top)), SUPPORT_TOLERANCE)
+
+    outline = shape.bottom_outline(lower.size, position, rotation)
+    center = motion.object_positions[sample, index, :2]
+    beyond = distance_beyond(center, outline) + TOP_MARGIN
+    log.add(OFF_TOP, sample, names, beyond, SUPPORT_TOLERANCE)
+
+
+def distance_beyond(point: Float[np.ndarray, " 2"], outline: Outline) -> float:
+    """Return by how much a point is outside of an outline [m]; negative inside. Beyond a corner it is a lower bound.
+
+    Args:
+        point: The point (x, y) [m].
+        outline: The outline.
+    """
+    if len(outline.points) == 1:
+        return float(np.linalg.norm(point - outline.points[0])) - outline.radius
+
+    sides = outline.points[:, None] - outline.points[None, :]
+    normals = np.stack([-sides[..., 1], sides[..., 0]], axis=-1).reshape(-1, 2)
+    lengths = np.linalg.norm(normals, axis=1)
+    normals = normals[lengths > SHORTEST_SIDE] / lengths[lengths > SHORTEST_SIDE, None]
+    reach = (outline.points @ normals.T).max(axis=0)
+    return float((normals @ point - reach).max()) - outline.radius
 
 
 def check_not_covering(

@@ -13,6 +13,7 @@ from dvr_jax.checker.operators.operator import (
 )
 from dvr_jax.checker.operators.parameter import Arguments, Parameter
 from dvr_jax.checker.operators.start import START_CHECK
+from dvr_jax.checker.stacks import Stacks
 from dvr_jax.errors import MotionError
 from dvr_jax.logic import Action
 from dvr_jax.motion.motion import Motion
@@ -46,6 +47,8 @@ def attachment_timeline(
         for index in range(len(scene.objects))
     }
 
+    stacks = Stacks.at_start(scene)
+
     for number, (action, switch) in enumerate(
         zip(actions, motion.switch.tolist(), strict=True), start=1
     ):
@@ -53,6 +56,11 @@ def attachment_timeline(
         refusal = operator.refusal(arguments, _held_objects(scene, current.values()))
         if refusal:
             raise MotionError(f"action {number}, {action}: {refusal}")
+
+        refusal = stacks.refusal(arguments, _held_objects(scene, current.values()))
+        if refusal:
+            raise MotionError(f"action {number}, {action}: {refusal}")
+        stacks = stacks.after(arguments)
 
         index = scene.object_index(arguments["object"])
         attachment = operator.attachment(scene, arguments)

@@ -46,6 +46,9 @@ AXIS_OFFSET = 2e-3
 SUPPORT_TOLERANCE = 2e-3
 """Largest height of a placed object above or below its support, and its largest overhang [m]."""
 
+TOP_MARGIN = 5e-3
+"""Least distance of the center of an object from the edge of the top of another object on which it stands [m]."""
+
 GRIP_TOLERANCE = 1e-3
 """Largest distance of a finger from the side of the object that it holds [m]."""
 

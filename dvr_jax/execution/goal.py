@@ -12,6 +12,7 @@ from jaxtyping import Float
 from dvr_jax.checker.goals import check_goal
 from dvr_jax.checker.kinds import (
     GOAL_OFF_HAND,
+    OFF_TOP,
     REGION_COVERED,
     SUPPORT_HEIGHT,
     SUPPORT_OVERHANG,
@@ -28,11 +29,13 @@ LIMITS = {
     SUPPORT_TILT.name: 0.1,
     SUPPORT_HEIGHT.name: 5e-3,
     SUPPORT_OVERHANG.name: 5e-3,
+    OFF_TOP.name: 5e-3,
     REGION_COVERED.name: 5e-3,
     GOAL_OFF_HAND.name: 5e-3,
 }
-"""Largest tilt [rad], largest height above the support, overhang over the region's edge, depth in a region that has to
-be clear, and distance of the gripper's center from a held object [m]."""
+"""Largest tilt [rad], largest height above the support, overhang over the region's edge, distance of a center beyond
+the part of a top that carries it (it is still over the top then), depth in a region that has to be clear, and distance
+of the gripper's center from a held object [m]."""
 
 
 def goal_holds(scene: Scene, timeline: Timeline, state: Float[np.ndarray, " nq"]) -> bool:

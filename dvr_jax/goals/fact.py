@@ -46,7 +46,7 @@ class GoalWorld:
     """Names of the regions."""
 
     inside: frozenset[tuple[str, str]] = frozenset()
-    """Pairs (object, region) of which the object is on the region at the start."""
+    """Pairs (object, region or other object) of which the object is on the other at the start."""
 
     touching: frozenset[tuple[str, str]] = frozenset()
     """Pairs (object, region) of which the object covers a part of the region at the start."""
@@ -55,8 +55,8 @@ class GoalWorld:
 class GoalFact(Protocol):
     """A statement that shall hold at the end of a plan.
 
-    Its dataclass fields are texts. A field called `object`, `arm` or `region` holds the name of one; validation refuses
-    other names there.
+    Its dataclass fields are texts. A field called `object`, `arm` or `region` holds the name of one, and a field called
+    `support` that of a region or an object; validation refuses other names there.
     """
 
     keyword: ClassVar[str]

@@ -1,4 +1,4 @@
-"""The fact that an object is on a region."""
+"""The fact that an object is on a region, or on another object."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dvr_jax.goals.fact import EndCondition, GoalWorld, register_fact
 @register_fact
 @dataclass(frozen=True, slots=True)
 class On:
-    """The object stands on the region, and no arm holds it."""
+    """The object stands on the region or on the other object, and no arm holds it."""
 
     keyword: ClassVar[str] = "on"
     """First word of the fact in scene files."""
@@ -19,13 +19,13 @@ class On:
     object: str
     """Name of the object."""
 
-    region: str
-    """Name of the region."""
+    support: str
+    """Name of the region, or of the other object."""
 
     def conditions(self, world: GoalWorld) -> tuple[EndCondition, ...]:
-        """Return the fact that the object is on the region."""
-        return (EndCondition(("on", self.object, self.region), self.object),)
+        """Return the fact that the object is on its support."""
+        return (EndCondition(("on", self.object, self.support), self.object),)
 
     def sentence(self) -> str:
         """Return the fact in words."""
-        return f"{self.object} on {self.region}"
+        return f"{self.object} on {self.support}"

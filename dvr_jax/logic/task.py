@@ -3,7 +3,7 @@
 Here is all that Python knows about the contents of the domain: the types and constants that a scene fills in, the start
 (all objects on the table, and perhaps on regions too) and the goal. In the paper's goal, one object is on the region
 `goal`, which is a constant of the domain. Other regions are added as supports, and the constant is left out where a
-scene has no region of this name.
+scene has no region of this name. The tops of objects may be supports too (`dvr_jax.logic.stacking`).
 """
 
 from collections import Counter
@@ -17,6 +17,7 @@ from dvr_jax.logic.errors import LogicError, listed
 from dvr_jax.logic.grounder import Entity, ground_domain
 from dvr_jax.logic.grounding import Grounding
 from dvr_jax.logic.parsing import read_domain
+from dvr_jax.logic.stacking import with_stacking_rules
 from dvr_jax.shapes import FACES
 
 TABLE = "table"
@@ -47,6 +48,9 @@ class Task:
 
     initial: tuple[Fact, ...] = ()
     """Facts that hold at the start, beside that every object is on the table."""
+
+    tops: tuple[str, ...] = ()
+    """Names of objects whose tops are supports; none of them is the name of a region, or "table"."""
 
 
 def ground_actions(
@@ -137,7 +141,9 @@ def ground_task_in(domain: SymbolicDomain, task: Task) -> Grounding:
     objects = {name: f"o{number}" for number, name in enumerate(task.objects)}
     regions = {name: f"s{number}" for number, name in enumerate(task.regions)}
     regions |= {GOAL_REGION: GOAL_REGION, TABLE: TABLE}
-    of_predicate = {"on": (objects, regions), "holding": (arms, objects)}
+    # The top of an object is a support of its own, because an object is of the type `movable`.
+    tops = {name: f"t{number}" for number, name in enumerate(task.tops)}
+    of_predicate = {"on": (objects, regions | tops), "holding": (arms, objects)}
 
     def internal(fact: Fact) -> Fact:
         predicate, *arguments = fact
@@ -146,18 +152,20 @@ def ground_task_in(domain: SymbolicDomain, task: Task) -> Grounding:
 
     added = [name for name in task.regions if name != GOAL_REGION]
     on_table = [("on", name, TABLE) for name in task.objects]
-    return ground_domain(
+    grounding = ground_domain(
         domain,
         [
             *(Entity(arms[name], "arm", name) for name in task.arms),
             *(Entity(objects[name], "movable", name) for name in task.objects),
             *(Entity(regions[name], "support", name) for name in added),
+            *(Entity(tops[name], "support", name) for name in task.tops),
         ],
         initial=[internal(fact) for fact in (*on_table, *task.initial)],
         goal=[internal(fact) for fact in task.goal],
         forbidden=[internal(fact) for fact in task.forbidden],
         constant_labels={f"face{eta}": name for eta, name in enumerate(FACES)},
     )
+    return with_stacking_rules(grounding, task.tops)
 
 
 def _without_goal_region(domain: SymbolicDomain) -> SymbolicDomain:

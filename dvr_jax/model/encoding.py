@@ -31,6 +31,7 @@ from dvr_jax.goals import GOAL_REGION, TABLE
 from dvr_jax.logic import Action, Grounding, domain_signature
 from dvr_jax.logic.errors import listed
 from dvr_jax.operators import OPERATORS, Operator, Parameter
+from dvr_jax.scene.start import objects_as_supports
 from dvr_jax.scene.types import Scene, SceneObject
 from dvr_jax.shapes import FACES
 from dvr_jax.workcell.workcell import DEFAULT_WORKCELL, Workcell
@@ -270,6 +271,8 @@ def unfit_reason(scene: Scene, operators: Sequence[Operator]) -> str | None:
     unknown = [operator.name for operator in operators if operator not in OPERATORS]
     if unknown:
         return f"it does not know the operator {listed(unknown)}"
+    if objects_as_supports(scene):
+        return "it does not know objects that stand on each other"
     return None
 
 

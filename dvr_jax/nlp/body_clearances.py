@@ -104,16 +104,21 @@ def _pairs_in_parts(
     for k, state in enumerate(states):
         for n, mode in enumerate(state.modes):
             if mode.support != NO_BODY:
-                found[k, :, number[n, mode.support]] = -STANDING_ROOM
+                found[k, :, number[_pair(n, mode.support)]] = -STANDING_ROOM
 
     for k, switch in enumerate(switches):
         old = states[k].modes[switch.item]
         new = switch.mode
         if old.support != NO_BODY:
-            found[k + 1, PhasePart.START, number[switch.item, old.support]] = 0
+            found[k + 1, PhasePart.START, number[_pair(switch.item, old.support)]] = 0
         if new.support != NO_BODY:
-            found[k, PhasePart.END, number[switch.item, new.support]] = 0
+            found[k, PhasePart.END, number[_pair(switch.item, new.support)]] = 0
     return found
+
+
+def _pair(item: int, support: int) -> tuple[int, int]:
+    """Return the bodies of an object and its support in the order of `object_pairs`."""
+    return min(item, support), max(item, support)
 
 
 def _closing_yaw(switches: Sequence[ModeSwitch], item: int) -> float:
@@ -141,10 +146,15 @@ def _pair_clearances(scene: Scene) -> Float[np.ndarray, " pairs"]:
     found = []
     for item, other in pairs:
         # An object that is lifted off its support keeps the whole clearance thereafter.
-        stands_on_it = item.support == other.name != TABLE
+        stands_on_it = TABLE != item.support == other.name or _stands_on(other, item)
         distance = wanted if stands_on_it else _distance(scene, item, other)
         found.append(np.clip(distance, 0, wanted))
     return np.array(found)
+
+
+def _stands_on(body: SceneObject | FixedBody, item: SceneObject) -> bool:
+    """Return whether a body is an object that stands on another one at the start."""
+    return isinstance(body, SceneObject) and TABLE != body.support == item.name
 
 
 def _distance(scene: Scene, item: SceneObject, other: SceneObject | FixedBody) -> float:

@@ -81,6 +81,7 @@ def horizon_of(model: WorkcellModel, problems: Problem, x: Variables) -> Horizon
         joints=x.q.shape[-1],
         collision_rows=rows,
         kept_clear=problems.kept_clear.shape[-2],
+        tops=problems.top_object.shape[-1],
     )
 
 

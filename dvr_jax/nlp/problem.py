@@ -125,6 +125,13 @@ class Problem(NamedTuple):
     kept_clear: Float[Array, "*batch phases regions 5"]
     """Rectangles that the placed object must not cover, as `support`; zeros where there is none."""
 
+    top_object: Int[Array, "*batch phases tops"]
+    """Index of the object on which action k puts its object; 0, without meaning, where `top_half` is zero. The last
+    axis has the length 1 in a scene in which objects are supports, else 0."""
+
+    top_half: Float[Array, "*batch phases tops 2"]
+    """Half extents of the area on its top, in its own frame, where the center of the upper object may be [m]."""
+
     phase_clearance: Float[Array, "*batch phases+1 3 body_rows"]
     """Clearances of each part of each phase, and after the last action (`dvr_jax.nlp.body_clearances`) [m]."""
 

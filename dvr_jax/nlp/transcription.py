@@ -28,7 +28,7 @@ from dvr_jax.operators import (
     operator_of,
     standing_mode,
 )
-from dvr_jax.scene.start import cleared_regions
+from dvr_jax.scene.start import cleared_regions, objects_as_supports
 from dvr_jax.scene.types import Scene
 from dvr_jax.workcell.workcell import base_positions, base_rotations
 
@@ -61,6 +61,7 @@ def transcribe(
     home = np.array(scene.home, dtype=float).reshape(-1)
     clearance = body_clearances(scene, states, switches)
     straight = _straight_motions(scene, states, switches)
+    tops = _tops(switches, 1 if objects_as_supports(scene) else 0)
 
     return Problem(
         prism=_floats([item.kind.prism(item.size) for item in scene.objects], 4),
@@ -91,9 +92,11 @@ def transcribe(
         parameter_upper=_floats([switch.upper for switch in switches], PARAMETERS),
         preference=_floats([switch.preference for switch in switches], PARAMETERS),
         preference_scale=np.zeros(()),
-        support=_floats([_support_numbers(switch.support) for switch in switches], 5),
+        support=_floats([_support_numbers(_placing_area(scene, s)) for s in switches], 5),
         inner_prism=_floats([switch.inner_prism for switch in switches], 4),
         kept_clear=_kept_clear(switches, len(cleared_regions(scene))),
+        top_object=tops.object,
+        top_half=tops.half,
         phase_clearance=clearance,
         clearance=clearance[:-1, PhasePart.END],
         sample_fraction=np.ones((number, 1)),
@@ -276,6 +279,39 @@ def _kept_clear(
         for index, area in enumerate(switch.kept_clear):
             rows[k, index] = _support_numbers(area)
     return rows
+
+
+class _Tops(NamedTuple):
+    """On which objects the actions of a sequence put their objects."""
+
+    object: Int[np.ndarray, "phases tops"]
+    """`Problem.top_object`."""
+
+    half: Float[np.ndarray, "phases tops 2"]
+    """`Problem.top_half`."""
+
+
+def _tops(switches: Sequence[ModeSwitch], number: int) -> _Tops:
+    """Return the lower objects of all actions, with zeros where there is none.
+
+    Args:
+        switches: The mode switches.
+        number: 1 in a scene in which objects are supports, else 0.
+    """
+    found = _Tops(np.zeros((len(switches), number), np.int32), np.zeros((len(switches), number, 2)))
+    for k, switch in enumerate(switches):
+        if switch.top is not None:
+            found.object[k] = switch.top.lower
+            found.half[k] = switch.top.half
+    return found
+
+
+def _placing_area(scene: Scene, switch: ModeSwitch) -> Rectangle | None:
+    """Return the area on which an object is placed: of another object's top, that where the scene has this object."""
+    if switch.top is None:
+        return switch.support
+    lower = scene.objects[switch.top.lower]
+    return Rectangle(lower.position, switch.top.half, lower.yaw)
 
 
 def _support_numbers(support: Rectangle | None) -> tuple[float, ...]:

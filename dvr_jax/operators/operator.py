@@ -41,7 +41,7 @@ class Parameter(Enum):
     """A side face of the object."""
 
     SUPPORT = "support"
-    """A support: the table, or a region."""
+    """A support: the table, a region, or another object."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +72,17 @@ class SkeletonState:
 
     finger_opening: tuple[float, ...]
     """Distance of each arm's fingers from the hand's middle plane [m]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Top:
+    """The part of an object's top over which the center of another object may be."""
+
+    lower: int
+    """Index of the object."""
+
+    half: tuple[float, float]
+    """Half extents of the area in the frame of this object, centered on it [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +117,8 @@ class ModeSwitch:
     """Weights of the squared mode parameters in the cost [1/m^2 or 1/rad^2]; small parameters are preferred."""
 
     support: Rectangle | None = None
-    """Area, seen from above, on which the object is placed; None if the action does not place it."""
+    """Area, seen from above, on which the object is placed; None if the action does not place it, or places it on
+    another object, whose position an earlier action may decide (`top`)."""
 
     inner_prism: FourFloats = (0.0, 0.0, 0.0, 0.0)
     """Prism (hx, hy, hz, r) of the part of the object whose outline has to lie within the support: the object itself,
@@ -114,6 +126,9 @@ class ModeSwitch:
 
     kept_clear: tuple[Rectangle, ...] = ()
     """Areas that the placed object must not cover."""
+
+    top: Top | None = None
+    """Where on another object the object is placed; None if the action does not put it on an object."""
 
 
 def standing_mode(scene: Scene, item: SceneObject) -> ObjectMode:
@@ -131,7 +146,7 @@ def standing_mode(scene: Scene, item: SceneObject) -> ObjectMode:
 
 
 def body_index(scene: Scene, name: str) -> int:
-    """Return the index of a fixed body among all bodies, the objects first, or `NO_BODY` for the table.
+    """Return the index of a support among all bodies, the objects before the fixed ones, or `NO_BODY` for the table.
 
     Args:
         scene: A valid scene.
@@ -139,6 +154,8 @@ def body_index(scene: Scene, name: str) -> int:
     """
     if name == TABLE:
         return NO_BODY
+    if name in scene.object_names:
+        return scene.object_index(name)
     return len(scene.objects) + [body.name for body in scene.fixed].index(name)
 
 
@@ -207,6 +224,22 @@ def object_of(action: Action, operators: Sequence[Operator]) -> str:
         operators: The operators that are known.
     """
     return operator_of(action, operators).argument(action, Parameter.OBJECT)
+
+
+def lower_object_of(scene: Scene, action: Action, operators: Sequence[Operator]) -> str | None:
+    """Return the name of the object on which an action puts its object; None if it does not put it on an object.
+
+    Args:
+        scene: A valid scene.
+        action: One of its actions.
+        operators: The operators that are known.
+    """
+    operator = operator_of(action, operators)
+    if Parameter.SUPPORT not in operator.parameters:
+        return None
+    name = operator.argument(action, Parameter.SUPPORT)
+    is_object = name in scene.object_names and name not in scene.supports()
+    return name if is_object else None
 
 
 def describe(action: Action, operators: Sequence[Operator]) -> str:

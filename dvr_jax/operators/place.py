@@ -1,4 +1,4 @@
-"""The operator "place": an arm puts the object that it holds upright onto the table or onto a region of any support.
+"""The operator "place": an arm puts the object that it holds upright onto the table, a region or another object.
 
 The mode parameters of a place are (x, y, yaw, bottom); `dvr_jax.modes.placed` defines them.
 """
@@ -6,6 +6,7 @@ The mode parameters of a place are (x, y, yaw, bottom); `dvr_jax.modes.placed` d
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import jax.numpy as jnp
 from jaxtyping import Float
@@ -37,6 +38,7 @@ from dvr_jax.operators.proposal import (
     of_switched_object,
     world_gripper,
 )
+from dvr_jax.operators.tops import height_of_top, refute_top, top_of
 from dvr_jax.runtime.compilation import Program
 from dvr_jax.scene.start import cleared_regions
 from dvr_jax.scene.types import Scene
@@ -116,9 +118,12 @@ def _kept_clear(scene: Scene, support: str) -> tuple[Rectangle, ...]:
 
 
 def _refute(scene: Scene, action: Action) -> str | None:
-    """Return why an object does not fit on a region, or None."""
+    """Return why an object does not fit on a region or on another object, or None."""
     _, name, support = action.arguments
-    if support == TABLE or scene.region(support).inside == Inside.CENTER:
+    place = scene.supports().get(support)
+    if place is None:
+        return refute_top(scene.objects[scene.object_index(support)])
+    if support == TABLE or place.inside == Inside.CENTER:
         return None
 
     rectangle = scene.region(support).footprint
@@ -143,16 +148,27 @@ def _switch(state: SkeletonState, action: Action) -> ModeSwitch:
     arm = state.scene.workcell.arm_index(arm_name)
     opening = list(state.finger_opening)
     opening[arm] = state.scene.workcell.robot.finger_travel
-    place = state.scene.supports()[support]
-    owner = body_index(state.scene, place.owner)
-    return ModeSwitch(
+    place = state.scene.supports().get(support)
+    if place is None:
+        owner = state.scene.object_index(support)
+        height = height_of_top(state, owner)
+    else:
+        owner = body_index(state.scene, place.owner)
+        height = place.height
+
+    switch = ModeSwitch(
         item=state.scene.object_index(name),
         acting_arm=arm,
         arms_at_rest=frozenset({arm}),
-        mode=ObjectMode(ModeKind.PLACED, support=owner, bottom=place.height),
-        lower=(-FREE, -FREE, -FREE, place.height),
-        upper=(FREE, FREE, FREE, place.height),
+        mode=ObjectMode(ModeKind.PLACED, support=owner, bottom=height),
+        lower=(-FREE, -FREE, -FREE, height),
+        upper=(FREE, FREE, FREE, height),
         finger_opening=tuple(opening),
+    )
+    if place is None:
+        return replace(switch, top=top_of(state.scene, support))
+    return replace(
+        switch,
         support=_clear_rectangle(state.scene, name, support),
         inner_prism=_inner_prism(state.scene, name, support),
         kept_clear=_kept_clear(state.scene, support),
@@ -165,7 +181,8 @@ def propose_place(
     """Propose placements of a held object inside the support's rectangle, and on a large support in front of the arm.
 
     Args:
-        step: The action of each prefix.
+        step: The action of each prefix. Its supports may differ between candidates; they have an axis of candidates
+            then.
         before: How the gripper holds the object.
         u: Uniform random numbers in [0, 1).
     """
@@ -177,7 +194,8 @@ def _propose_place(
     step: BeamStep, before: ObjectBefore, u: Float[Array, "numbers candidates proposals"]
 ) -> ProposedPoses:
     """Do the work of `propose_place`, for the switched objects alone."""
-    support = [step.support[:, None, None, i] for i in range(5)]
+    area = step.support[:, None] if step.support.ndim == 2 else step.support
+    support: list[Array] = [area[..., None, i] for i in range(5)]
     prism = [of_item(step.prism[..., i], step) for i in range(4)]
     inner = [step.inner_prism[:, None, None, i] for i in range(4)]
 

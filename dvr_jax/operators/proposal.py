@@ -81,8 +81,9 @@ class BeamStep(NamedTuple):
     parameter_upper: Float[Array, "prefixes 4"]
     """Upper bounds of the mode parameters [m or rad]."""
 
-    support: Float[Array, "prefixes 5"]
-    """Rectangle on which the object is placed: center x, y [m], yaw [rad], half extents [m]."""
+    support: Float[Array, "prefixes *candidates 5"]
+    """Rectangle on which the object is placed: center x, y [m], yaw [rad], half extents [m]. It has an axis of
+    candidates in a scene in which objects are supports, because candidates differ in where a lower object stands."""
 
     inner_prism: Float[Array, "prefixes 4"]
     """Prism of the part of the object that has to lie within the support [m]; see `ModeSwitch.inner_prism`."""

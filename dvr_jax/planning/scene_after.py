@@ -112,7 +112,8 @@ def _objects_on_supports(plan: Plan) -> tuple[SceneObject, ...]:
         operator = operator_of(action, plan.operators)
         if operator.mode_after == ModeKind.PLACED:
             place = operator.argument(action, Parameter.SUPPORT)
-            supports[object_of(action, plan.operators)] = plan.scene.supports()[place].owner
+            known = plan.scene.supports().get(place)
+            supports[object_of(action, plan.operators)] = known.owner if known else place
     return tuple(replace(item, support=supports[item.name]) for item in plan.scene.objects)
 
 
@@ -142,13 +143,14 @@ def _part_objects(
     scene: Scene, objects: tuple[SceneObject, ...], moved: set[str]
 ) -> tuple[SceneObject, ...]:
     """Shift objects that were moved until they overlap neither each other, nor others, nor the arms' feet."""
+    final = replace(scene, objects=objects)
     tops: dict[str, Footprint] = {TABLE: scene.workcell.table.footprint}
     tops |= {body.name: body.footprint for body in scene.fixed}
     items = [
         _Item(
             item.footprint,
             item.name in moved,
-            bottom := scene.bottom_of(item),
+            bottom := final.bottom_of(item),
             bottom + item.height,
         )
         for item in objects
@@ -158,7 +160,9 @@ def _part_objects(
     for _ in range(SWEEPS):
         changed = False
         for item, standing in zip(items, objects, strict=True):
-            changed |= _move_onto_top(item, tops[standing.support])
+            # An object that stands on another one may reach over its border.
+            if standing.support in tops:
+                changed |= _move_onto_top(item, tops[standing.support])
         for first, second in combinations([*items, *obstacles], 2):
             changed |= _part(first, second)
         if not changed:

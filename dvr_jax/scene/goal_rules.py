@@ -30,7 +30,8 @@ from dvr_jax.scene.rules import (
     require_numbers,
     require_unique,
 )
-from dvr_jax.scene.start import goal_world
+from dvr_jax.scene.stacks import TOP_MARGIN, top_half_extents
+from dvr_jax.scene.start import end_conditions, goal_world
 from dvr_jax.scene.support_rules import require_on_top, require_support
 from dvr_jax.scene.types import MAXIMUM_REGIONS, Scene, SceneObject
 from dvr_jax.scene.workcell_rules import base_footprints, base_height
@@ -110,6 +111,7 @@ def validate_goal(scene: Scene) -> None:
             raise SceneError(f"the goal has the fact {fact.sentence()!r} twice; state it once.")
     for first, second in combinations(goal.facts, 2):
         _require_agreement(scene, first, second)
+    _require_possible_stacks(scene)
 
 
 def _require_known_names(scene: Scene, fact: GoalFact) -> None:
@@ -117,6 +119,7 @@ def _require_known_names(scene: Scene, fact: GoalFact) -> None:
         "object": scene.object_names,
         "arm": scene.workcell.arm_names,
         "region": scene.region_names,
+        "support": (*scene.region_names, *scene.object_names),
     }
     for field in field_names(fact):
         value = getattr(fact, field)
@@ -141,12 +144,38 @@ def _require_agreement(scene: Scene, first: GoalFact, second: GoalFact) -> None:
 
     for one in ours:
         for other in theirs:
-            reason = _contradiction(one, other)
+            reason = _contradiction(one, other, scene.object_names)
             if reason:
                 raise SceneError(f"{together}: {reason}.")
 
 
-def _contradiction(first: EndCondition, second: EndCondition) -> str:
+def _require_possible_stacks(scene: Scene) -> None:
+    """Refuse wanted stacks that nobody can build, whatever the other facts are."""
+    lower_of = {
+        condition.item: condition.fact[-1]
+        for condition in end_conditions(scene)
+        if condition.holds and condition.fact[0] == "on" and condition.fact[-1] != TABLE
+    }
+    objects = {item.name: item for item in scene.objects}
+    for name in lower_of:
+        chain = [name]
+        while chain[-1] in lower_of and len(chain) <= len(lower_of):
+            chain.append(lower_of[chain[-1]])
+        if chain[-1] == name:
+            words = " on ".join(map(repr, chain))
+            raise SceneError(
+                f"the goal wants {words}, which is a circle; leave one of the facts out."
+            )
+
+        lower = objects.get(lower_of[name])
+        if lower is not None and min(top_half_extents(lower)) < TOP_MARGIN:
+            raise SceneError(
+                f"the goal wants {name!r} on {lower.name!r}, whose top is too small: the center of an object is at "
+                f"least {1000 * TOP_MARGIN:g} mm from its edge."
+            )
+
+
+def _contradiction(first: EndCondition, second: EndCondition, objects: tuple[str, ...]) -> str:
     """Return why two conditions that have to hold exclude each other; empty if they do not."""
     if not (first.holds and second.holds) or first.fact == second.fact:
         return ""
@@ -158,6 +187,22 @@ def _contradiction(first: EndCondition, second: EndCondition) -> str:
         return f"{first.item!r} cannot be held twice, nor held and put down"
     if kinds == {"holding"} and first.fact[1] == second.fact[1]:
         return f"the {first.fact[1]} arm holds one object"
+    return _contradiction_of_stacks(first, second, objects) or _contradiction_of_stacks(
+        second, first, objects
+    )
+
+
+def _contradiction_of_stacks(
+    first: EndCondition, second: EndCondition, objects: tuple[str, ...]
+) -> str:
+    """Return why a second condition excludes that an object is on another one, which the first one may want."""
+    lower = first.fact[-1]
+    if first.fact[0] != "on" or lower not in objects:
+        return ""
+    if second.fact[0] == "on" and second.fact[-1] == lower:
+        return f"one object at most stands on {lower!r}"
+    if second.fact[0] == "holding" and second.item == lower:
+        return f"nothing stands on {lower!r} while an arm holds it"
     return ""
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dvr_jax.geometry.footprint import Circle, Footprint, inside, signed_distance
-from dvr_jax.goals import EndCondition, GoalWorld, Inside, OnRegion, Region
+from dvr_jax.goals import TABLE, EndCondition, GoalWorld, Inside, OnRegion, Region
 from dvr_jax.logic import Fact, Task
+from dvr_jax.scene.stacks import standing_on
 from dvr_jax.scene.types import Scene, SceneObject
 
 START_TOLERANCE = 1e-3
@@ -48,7 +49,8 @@ def goal_world(scene: Scene) -> GoalWorld:
         arms=scene.workcell.arm_names,
         objects=scene.object_names,
         regions=scene.region_names,
-        inside=frozenset((i.name, region.name) for i, region in pairs if is_inside(i, region)),
+        inside=frozenset((i.name, region.name) for i, region in pairs if is_inside(i, region))
+        | frozenset(standing_on(scene).items()),
         touching=frozenset((i.name, region.name) for i, region in pairs if is_touching(i, region)),
     )
 
@@ -56,7 +58,8 @@ def goal_world(scene: Scene) -> GoalWorld:
 def start_facts(scene: Scene) -> frozenset[Fact]:
     """Return the symbolic facts that hold at the start, beside that every object is on the table.
 
-    An object is on a region if it lies within it, and on a region that has to be clear if it covers a part of it.
+    An object is on a region if it lies within it, and on a region that has to be clear if it covers a part of it. It is
+    on another object if it stands there.
     """
     world = goal_world(scene)
     kept_clear = cleared_regions(scene)
@@ -65,13 +68,26 @@ def start_facts(scene: Scene) -> frozenset[Fact]:
     return frozenset(("on", item, region) for item, region in pairs)
 
 
+def objects_as_supports(scene: Scene) -> tuple[str, ...]:
+    """Return the names of the objects whose tops are supports.
+
+    These are the objects on which another one stands at the start, and those on which the goal wants one.
+    """
+    lower = set(standing_on(scene).values())
+    if not isinstance(scene.goal, OnRegion):
+        wanted = scene.goal.conditions(goal_world(scene))
+        lower |= {condition.fact[-1] for condition in wanted if condition.fact[0] == "on"}
+    return tuple(name for name in scene.object_names if name in lower - {TABLE})
+
+
 def cleared_regions(scene: Scene) -> tuple[str, ...]:
     """Return the names of the regions that no object may occupy at the end."""
     if isinstance(scene.goal, OnRegion):
         return ()
     found: dict[str, None] = {}
     for condition in scene.goal.conditions(goal_world(scene)):
-        if condition.fact[0] == "on" and not condition.holds:
+        is_region = condition.fact[-1] in scene.region_names
+        if condition.fact[0] == "on" and is_region and not condition.holds:
             found[condition.fact[-1]] = None
     return tuple(found)
 
@@ -91,16 +107,21 @@ def symbolic_task(scene: Scene) -> Task:
     """Return what the symbolic layer has to know of a scene.
 
     A sequence ends when the goal first holds. If it holds at the start, the search looks for another way to make it
-    true, so nothing but the table supports objects at the start then. The same is true for the paper's goal.
+    true, so it counts as if no object were on a region at the start then. The same is true for the paper's goal. Stacks
+    are known in any case, because they decide which objects can be moved.
     """
     names = (scene.object_names, scene.workcell.arm_names, scene.region_names)
+    tops = objects_as_supports(scene)
+    stacks = tuple(sorted(("on", upper, lower) for upper, lower in standing_on(scene).items()))
     if isinstance(scene.goal, OnRegion):
-        return Task(*names, goal=(("on", scene.goal.object, scene.goal.region.name),))
+        goal = (("on", scene.goal.object, scene.goal.region.name),)
+        return Task(*names, goal=goal, initial=stacks, tops=tops)
 
     conditions = end_conditions(scene)
     return Task(
         *names,
         goal=tuple(condition.fact for condition in conditions if condition.holds),
         forbidden=tuple(condition.fact for condition in conditions if not condition.holds),
-        initial=() if goal_holds_at_start(scene) else tuple(sorted(start_facts(scene))),
+        initial=stacks if goal_holds_at_start(scene) else tuple(sorted(start_facts(scene))),
+        tops=tops,
     )

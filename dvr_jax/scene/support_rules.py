@@ -28,8 +28,9 @@ def require_support(what: str, doing: str, name: str, scene: Scene) -> FixedBody
             return body
 
     bodies = ", ".join(repr(body.name) for body in scene.fixed) or "none here"
+    objects = ", and the other objects" if doing == "stands" else ""
     raise SceneError(
-        f"{what} {doing} on {name!r}; valid are {TABLE!r} and the fixed bodies ({bodies})."
+        f"{what} {doing} on {name!r}; valid are {TABLE!r} and the fixed bodies ({bodies}){objects}."
     )
 
 

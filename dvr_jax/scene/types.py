@@ -73,7 +73,7 @@ class SceneObject:
     """Coefficient of sliding friction on the table and between the pads of a gripper."""
 
     support: str = TABLE
-    """Name of the body on whose top it stands: the table, or a fixed body."""
+    """Name of the body on whose top it stands: the table, a fixed body, or another object."""
 
     @property
     def kind(self) -> Shape:
@@ -209,7 +209,7 @@ class Scene:
         return replace(self, regions=tuple(regions))
 
     def height_of_top(self, name: str) -> float:
-        """Return the height of the top of the table or of a fixed body above the table's top [m].
+        """Return the height of the top of a body at the start above the table's top [m].
 
         Raises:
             KeyError: There is no such body.
@@ -219,7 +219,8 @@ class Scene:
         for body in self.fixed:
             if body.name == name:
                 return body.top
-        raise KeyError(name)
+        item = self.objects[self.object_index(name)]
+        return self.bottom_of(item) + item.height
 
     def bottom_of(self, item: SceneObject) -> float:
         """Return the height of the bottom of an object at the start above the table's top [m]."""

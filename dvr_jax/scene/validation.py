@@ -30,6 +30,7 @@ from dvr_jax.scene.rules import (
     require_numbers,
     require_unique,
 )
+from dvr_jax.scene.stacks import require_valid_stacks, standing_on
 from dvr_jax.scene.support_rules import require_on_top, require_support
 from dvr_jax.scene.types import (
     MAXIMUM_FIXED_BODIES,
@@ -98,6 +99,9 @@ def validate_scene(scene: Scene) -> None:
         _validate_fixed_body(body, scene.workcell)
 
     for item in scene.objects:
+        _validate_shape_of(item)
+    require_valid_stacks(scene)
+    for item in scene.objects:
         _validate_object(item, scene)
 
     validate_regions(scene)
@@ -147,14 +151,21 @@ def _validate_body(
     require_numbers(f"the yaw of {what}", (body.yaw,), 1, YAW_RANGE, "rad")
 
 
-def _validate_object(item: SceneObject, scene: Scene) -> None:
+def _validate_shape_of(item: SceneObject) -> None:
+    """Check the numbers of an object, whatever it stands on."""
     what = f"the object {item.name!r}"
     _validate_body(what, item)
     require_numbers(f"the density of {what}", (item.density,), 1, DENSITY_RANGE, "kg/m^3")
     require_numbers(f"the friction of {what}", (item.friction,), 1, FRICTION_RANGE, "")
-    body = require_support(what, "stands", item.support, scene)
-    where = f"{what} at {in_words(item.position)}"
-    require_on_top(where, item.footprint, body, scene, CONTACT_TOLERANCE)
+
+
+def _validate_object(item: SceneObject, scene: Scene) -> None:
+    """Check where an object stands; the objects below it stand where they may."""
+    what = f"the object {item.name!r}"
+    if item.name not in standing_on(scene):
+        body = require_support(what, "stands", item.support, scene)
+        where = f"{what} at {in_words(item.position)}"
+        require_on_top(where, item.footprint, body, scene, CONTACT_TOLERANCE)
 
     bottom = scene.bottom_of(item)
     if bottom + item.height > LARGEST_SIZE:

@@ -8,7 +8,7 @@ A walk has no length where the conditions hold at the start.
 Another object *blocks* if an object that the goal names finds no walk of an allowed length while it stands where the
 scene has it. An object that blocks and that no condition moves anyway has to be moved, which takes two actions: it is
 grasped, and it leaves the gripper again. One action suffices for as many of them as arms may hold an object at the
-end that the goal does not name (`free_arms_at_end`).
+end that the goal does not name (`free_arms_at_end`). What stands on an object that has to be moved has to be moved too.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from collections.abc import Iterable, Sequence
 from dvr_jax.goals import EndCondition, On
 from dvr_jax.logic import Action
 from dvr_jax.operators import object_of
+from dvr_jax.scene.stacks import objects_above
 from dvr_jax.scene.start import end_conditions
 from dvr_jax.scene.types import Scene
 from dvr_jax.search.object_graph import UNREACHED, Vertex
@@ -106,6 +107,10 @@ class ConjunctionBound(Relaxation):
             rest = self.alone - lengths[name]
             blockers = yield from self._blockers_of(name, limit - rest)
             required.update(dict.fromkeys(blockers))
+        # What stands on an object has to be moved before it.
+        for name in list(required):
+            above = objects_above(self.solver.scene, name)
+            required.update(dict.fromkeys(set(above) - set(self.goal_objects)))
         yield from self._judge_first_grasps(list(required))
         self._remaining.clear()
         self.required = frozenset(required)
@@ -119,7 +124,8 @@ class ConjunctionBound(Relaxation):
         targets = [c.fact[-1] for c in self.conditions if c.item == name and c.holds]
         regions = [target for target in targets if target in self.solver.scene.region_names]
         for other in sorted(self.walks.others(name) - set(self.goal_objects)):
-            if any(other in self._obstructions_of(name, region) for region in regions):
+            is_in_the_way = any(other in self._obstructions_of(name, region) for region in regions)
+            if is_in_the_way or other in objects_above(self.solver.scene, name):
                 found.append(other)
                 continue
             worlds = (self.walks.others(name), self.walks.others(name, other))

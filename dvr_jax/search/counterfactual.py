@@ -16,6 +16,7 @@ from itertools import product
 import numpy as np
 
 from dvr_jax.errors import DvrError
+from dvr_jax.goals import TABLE
 from dvr_jax.logic import Action
 from dvr_jax.modes.mode import ModeKind
 from dvr_jax.nlp.transcription import walk
@@ -134,7 +135,7 @@ def without_body(scene: Scene, name: str) -> Scene:
         name: Name of an object or of a fixed body.
     """
     objects = tuple(
-        replace(item, position=(FAR_AWAY, FAR_AWAY)) if item.name == name else item
+        replace(item, position=(FAR_AWAY, FAR_AWAY), support=TABLE) if item.name == name else item
         for item in scene.objects
     )
     fixed = tuple(

@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from itertools import count
 from typing import Protocol
 
-from dvr_jax.scene.start import end_conditions
+from dvr_jax.scene.start import end_conditions, objects_as_supports
 from dvr_jax.search.node import Node
 from dvr_jax.search.session import SearchSession
 from dvr_jax.search.work import Steps
@@ -56,6 +56,8 @@ class PrefixFront:
         self._heap: list[tuple[int, int, int, float, float, int, Node]] = []
         self._waiting: dict[Node, list[tuple[Node, float]]] = {}
         self._wanted = _wanted_places(session)
+        scene = session.tree.scene
+        self._places = frozenset((*scene.region_names, *objects_as_supports(scene)))
         self._push(session.tree.root, 0.0)
 
     def __len__(self) -> int:
@@ -112,8 +114,7 @@ class PrefixFront:
         tree = self._session.tree
         least = node.depth + tree.relaxation.remaining(node.actions)
         in_the_way = sum(
-            action.arguments[-1] in tree.scene.region_names
-            and (action.arguments[1:] not in self._wanted)
+            action.arguments[-1] in self._places and (action.arguments[1:] not in self._wanted)
             for action in node.actions
         )
         violation = float(node.beam.violation.min()) if node.beam is not None else 0.0

@@ -118,7 +118,7 @@ class GoalGuide(Generic[Images, Encoding]):
 
 def _is_open(grounding: Grounding, node: Node, fact: On) -> bool:
     """Return whether a fact does not hold after a prefix."""
-    return not grounding.holds(node.state, "on", fact.object, fact.region)
+    return not grounding.holds(node.state, "on", fact.object, fact.support)
 
 
 def scene_of_fact(scene: Scene, fact: On) -> Scene:
@@ -128,7 +128,7 @@ def scene_of_fact(scene: Scene, fact: On) -> Scene:
         scene: A scene with a goal of several facts.
         fact: One of them.
     """
-    region = replace(scene.region(fact.region), name=GOAL_REGION, support=TABLE)
+    region = replace(scene.region(fact.support), name=GOAL_REGION, support=TABLE)
     return replace(scene, goal=OnRegion(fact.object, region), regions=())
 
 
@@ -145,6 +145,6 @@ def action_for_fact(action: Action, fact: On, operators: Sequence[Operator]) -> 
     def renamed(argument: str, kind: Parameter) -> str:
         if kind != Parameter.SUPPORT:
             return argument
-        return GOAL_REGION if argument == fact.region else TABLE
+        return GOAL_REGION if argument == fact.support else TABLE
 
     return replace(action, arguments=tuple(map(renamed, action.arguments, kinds)))

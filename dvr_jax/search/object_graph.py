@@ -168,8 +168,10 @@ def task_of_object(scene: Scene, name: str) -> Task:
         name: Name of the object. For the paper's goal, any object counts as the goal's.
     """
     task = symbolic_task(scene)
+    initial = tuple(fact for fact in task.initial if fact[1] == name)
     if isinstance(scene.goal, OnRegion):
-        return replace(task, objects=(name,), goal=(("on", name, scene.goal.region.name),))
+        goal = (("on", name, scene.goal.region.name),)
+        return replace(task, objects=(name,), goal=goal, initial=initial)
 
     conditions = [condition for condition in end_conditions(scene) if condition.item == name]
     return replace(
@@ -177,7 +179,7 @@ def task_of_object(scene: Scene, name: str) -> Task:
         objects=(name,),
         goal=tuple(condition.fact for condition in conditions if condition.holds),
         forbidden=tuple(condition.fact for condition in conditions if not condition.holds),
-        initial=tuple(fact for fact in task.initial if fact[1] == name),
+        initial=initial,
     )
 
 

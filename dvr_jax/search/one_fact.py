@@ -37,7 +37,9 @@ def only_fact(scene: Scene) -> On | None:
         return None
 
     fact = facts[0]
-    area = scene.region(fact.region).footprint
+    if fact.support not in scene.region_names:
+        return None
+    area = scene.region(fact.support).footprint
     others = [item.footprint for item in scene.objects if item.name != fact.object]
     on_region = sum(signed_distance(area, footprint) < 0 for footprint in others)
     return fact if on_region <= MOST_ON_REGION else None

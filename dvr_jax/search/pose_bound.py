@@ -12,11 +12,11 @@ verdict is shared by all chains that end with the same two actions.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import groupby
+from itertools import groupby, takewhile
 
 from dvr_jax.logic import Action
 from dvr_jax.modes.mode import ModeKind
-from dvr_jax.operators import object_of, operator_of
+from dvr_jax.operators import lower_object_of, object_of, operator_of
 from dvr_jax.search.node import Node
 from dvr_jax.search.node_solver import NodeSolver
 from dvr_jax.search.work import Steps
@@ -96,11 +96,18 @@ class PoseBound:
         return node.feasible is not False
 
     def _chain(self, node: Node) -> ChainKey:
-        """Return the actions on the object of the node's last action, and the names of all other objects that moved."""
+        """Return the actions on the object of the node's last action, and the names of all other objects that moved.
+
+        A chain ends before the object is put on another one that has moved, because nothing is known of where that is.
+        """
         operators = self._solver.operators
         name = object_of(node.actions[-1], operators)
-        chain = tuple(action for action in node.actions if object_of(action, operators) == name)
-        return chain, frozenset(object_of(action, operators) for action in node.actions) - {name}
+        moved = frozenset(object_of(action, operators) for action in node.actions) - {name}
+        own = [action for action in node.actions if object_of(action, operators) == name]
+        chain = takewhile(
+            lambda a: lower_object_of(self._solver.scene, a, operators) not in moved, own
+        )
+        return tuple(chain), moved
 
     def _judge_chains(self, keys: list[ChainKey]) -> Steps[None]:
         """Judge chains of one length whose prefixes have been judged."""

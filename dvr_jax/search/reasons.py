@@ -25,7 +25,14 @@ from dvr_jax.modes.mode import ModeKind
 from dvr_jax.nlp.evaluation import TOLERANCES
 from dvr_jax.nlp.problem import Problem
 from dvr_jax.nlp.transcription import walk
-from dvr_jax.operators import Operator, Parameter, describe, object_of, operator_of
+from dvr_jax.operators import (
+    Operator,
+    Parameter,
+    describe,
+    lower_object_of,
+    object_of,
+    operator_of,
+)
 from dvr_jax.scene.types import Scene, SceneObject
 from dvr_jax.search.closest_bodies import deepest_contact
 from dvr_jax.search.obstruction import obstructions
@@ -106,6 +113,10 @@ def static_reason(scene: Scene, action: Action, operators: Sequence[Operator]) -
     if text is None:
         return None
     item = scene.objects[scene.object_index(object_of(action, operators))]
+    lower = lower_object_of(scene, action, operators)
+    if lower is not None:
+        sentence = f"The top of '{lower}' is too small for '{item.name}' to stand on it."
+        return Reason(ReasonKind.FOOTPRINT, str(action), (item.name, lower), 0.0, sentence)
     if operator.mode_after != ModeKind.HELD:
         region = scene.region(action.arguments[-1]).footprint
         lacking = _lacking_room(item, region)
@@ -256,6 +267,10 @@ def _largest_violation(
     bodies = (f"{arm} arm", item)
     if worst == "footprint":
         sentence = f"When {doing}, it extends {centimeters(amount)} cm beyond its region."
+        bodies = (item, last.arguments[-1])
+        return Reason(ReasonKind.FOOTPRINT, str(last), bodies, amount, sentence)
+    if worst == "on_top":
+        sentence = f"When {doing}, its center is {centimeters(amount)} cm beyond the top of '{last.arguments[-1]}'."
         bodies = (item, last.arguments[-1])
         return Reason(ReasonKind.FOOTPRINT, str(last), bodies, amount, sentence)
     if worst == "kept_clear":

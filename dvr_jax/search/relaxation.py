@@ -19,6 +19,7 @@ from collections.abc import Callable, Sequence
 from dvr_jax.logic import Action
 from dvr_jax.modes.mode import ModeKind
 from dvr_jax.operators import Operator, Parameter, object_of, operator_of
+from dvr_jax.scene.stacks import objects_above
 from dvr_jax.search.node import Node
 from dvr_jax.search.node_solver import NodeSolver
 from dvr_jax.search.object_graph import UNREACHED, Vertex
@@ -100,7 +101,9 @@ class Relaxation:
             return alone
 
         for other in sorted(self.walks.others(name)):
-            if other in self._obstructions_of(name, self.solver.scene.paper_goal.region.name):
+            region = self.solver.scene.paper_goal.region.name
+            stands_on_it = other in objects_above(self.solver.scene, name)
+            if stands_on_it or other in self._obstructions_of(name, region):
                 self.blocking[other] = UNREACHED
                 continue
             worlds = (self.walks.others(name), self.walks.others(name, other))

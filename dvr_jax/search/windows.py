@@ -19,7 +19,7 @@ from collections.abc import Iterable, Sequence
 from dvr_jax.logic import Action
 from dvr_jax.modes.mode import ModeKind
 from dvr_jax.nlp.transcription import transcribe_window
-from dvr_jax.operators import Operator, object_of, operator_of
+from dvr_jax.operators import Operator, lower_object_of, object_of, operator_of
 from dvr_jax.search.motion_windows import MotionWindows
 from dvr_jax.search.node import Node
 from dvr_jax.search.node_solver import NodeSolver
@@ -211,7 +211,14 @@ class WindowBound:
         return node
 
     def _is_judged(self, window: Window) -> bool:
-        """Return whether a window is judged at all. If the object may stand anywhere, almost everything is possible."""
+        """Return whether a window is judged at all. If the object may stand anywhere, almost everything is possible.
+
+        This is also so if it is put on another object, which is left out and may stand anywhere.
+        """
+        scene = self._solver.scene
+        operators = self._solver.operators
+        if any(a is not None and lower_object_of(scene, a, operators) for a in window):
+            return False
         first = window[0]
         if first is None:
             return True

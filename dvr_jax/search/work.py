@@ -156,8 +156,13 @@ def _batch_key(request: Request) -> Hashable:
 
 
 def _sizes(problem: Problem) -> tuple[int, ...]:
-    """Return the numbers of objects, of fixed bodies and of regions that stay clear."""
-    return len(problem.prism), len(problem.fixed_prism), problem.kept_clear.shape[-2]
+    """Return the numbers of objects, of fixed bodies, of regions that stay clear, and of tops of an action."""
+    return (
+        len(problem.prism),
+        len(problem.fixed_prism),
+        problem.kept_clear.shape[-2],
+        problem.top_object.shape[-1],
+    )
 
 
 def _execute_batch(requests: list[Request]) -> Reply:

@@ -13,6 +13,7 @@ from typing import Any
 
 import jax
 import numpy as np
+from jaxtyping import Float
 
 from dvr_jax.modes.mode import ModeKind
 from dvr_jax.nlp.problem import Problem, number_of_phases
@@ -85,8 +86,32 @@ def _extend_batch(
     padded = [*tasks, *[tasks[0]] * (count - len(tasks))]
     steps = _stack([beam_step(task.problem, task.proposal) for task in padded])
     parents = _stack([task.parent for task in padded])
-    batch = jax.tree.map(np.asarray, extend_beam(model, parents, steps, uniform, tasks[0].proposal))
+    supports = _supports_of_candidates(padded)
+    extended = extend_beam(model, parents, steps, uniform, tasks[0].proposal, supports)
+    batch = jax.tree.map(np.asarray, extended)
     return [jax.tree.map(lambda leaf, lane=lane: leaf[lane], batch) for lane in range(len(tasks))]
+
+
+def _supports_of_candidates(
+    tasks: Sequence[BeamTask],
+) -> Float[np.ndarray, "prefixes candidates 5"] | None:
+    """Return the rectangles on which the last actions place their objects, in every candidate of the parents.
+
+    A lower object stands where the parent's candidates have placed it. Without objects as supports the result is None.
+    """
+    if tasks[0].problem.top_object.shape[-1] == 0:
+        return None
+
+    found = []
+    for task in tasks:
+        k = number_of_phases(task.problem) - 1
+        lower = int(task.problem.top_object[k, 0])
+        areas = np.repeat(task.problem.support[None, k], len(task.parent.violation), axis=0)
+        is_on_top = task.problem.top_half[k, 0, 0] > 0
+        if is_on_top and task.parent.kind[lower] == ModeKind.PLACED:
+            areas[:, :3] = task.parent.parameters[:, lower, :3]
+        found.append(areas)
+    return np.stack(found).astype(np.float32)
 
 
 def prepare_penetration(model: WorkcellModel, task: BeamTask) -> None:

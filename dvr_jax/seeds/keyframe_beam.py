@@ -208,6 +208,7 @@ def extend_beam(
     step: BeamStep,
     uniform: Float[np.ndarray, "numbers candidates proposals"],
     proposal: Proposal,
+    supports: Float[np.ndarray, "prefixes candidates 5"] | None = None,
 ) -> KeyframeBeam:
     """Extend the beams of M prefixes by one action.
 
@@ -217,6 +218,7 @@ def extend_beam(
         step: The action of each prefix.
         uniform: Uniform random numbers in [0, 1), of the shape `random_shape`.
         proposal: How the actions are sampled; it is the same for all of them.
+        supports: Rectangles on which objects are placed, where they differ between candidates.
 
     Returns:
         Beams of the prefixes with the action.
@@ -230,7 +232,8 @@ def extend_beam(
 
     # Stage 1: mode parameters, and the gripper poses that belong to them. Up to the choice of the most promising
     # proposals, nothing depends on the other objects.
-    proposed = proposal.propose(step, before, uniform[:UNIFORM_NUMBERS])
+    own = step if supports is None else step._replace(support=supports)
+    proposed = proposal.propose(own, before, uniform[:UNIFORM_NUMBERS])
 
     alone = of_switched_object(step)
 

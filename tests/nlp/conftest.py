@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 import pytest
-from nlp_cases import FIXED, SIDE_BY_SIDE, SINGLE_ARM, Case, Floats, make_case
+from nlp_cases import FIXED, SIDE_BY_SIDE, SINGLE_ARM, STACKS, Case, Floats, make_case
 
 from dvr_jax.nlp.collision_rows import arm_row_signs
 from dvr_jax.nlp.evaluation import evaluate_constraints
@@ -154,8 +154,15 @@ def side_by_side() -> Evaluated:
     return Evaluated(make_case(steps=3, repeats=3, seed=0, setting=SIDE_BY_SIDE))
 
 
+@pytest.fixture(scope="session")
+def stacks() -> Evaluated:
+    """Keyframes at which objects are put on other objects."""
+    return Evaluated(make_case(steps=1, repeats=6, seed=4, setting=STACKS))
+
+
 @pytest.fixture(
-    scope="session", params=["keyframes", "path", "fixed_bodies", "single_arm", "side_by_side"]
+    scope="session",
+    params=["keyframes", "path", "fixed_bodies", "single_arm", "side_by_side", "stacks"],
 )
 def evaluated(request: pytest.FixtureRequest) -> Evaluated:
     return request.getfixturevalue(request.param)

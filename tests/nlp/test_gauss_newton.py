@@ -38,6 +38,7 @@ SCALES = {
     "parameter_bound": 1.0,
     "footprint": 1.0,
     "kept_clear": 1.0,
+    "on_top": 1.0,
     "straight_line": [1.0, 1.0, 0.1, 0.1, 0.1],
     "straight_corridor": 1.0,
 }

@@ -33,6 +33,7 @@ EXPECTED = {
     "parameter_bound": 1e-3,
     "footprint": 1e-3,
     "kept_clear": 1e-3,
+    "on_top": 1e-3,
     "sideways": 2e-3,
     "turn": 2e-2,
     "approach": 2e-3,
@@ -132,7 +133,20 @@ def good() -> Point:
     m[1, :3] = [center[0], center[1], yaw]
     support[1] = [center[0], center[1], yaw, prism[0, 0] + ROOM, prism[0, 1] + ROOM]
     path = path._replace(initial_pose=pose, prism=prism, support=support)
-    return Point(FACING.model, path._replace(kept_clear=clear_region(path, -ROOM)), x._replace(m=m))
+    path = path._replace(kept_clear=clear_region(path, -ROOM), **lower_object(path, m, -ROOM))
+    return Point(FACING.model, path, x._replace(m=m))
+
+
+def lower_object(problem: Problem, m: np.ndarray, beyond: float) -> dict[str, np.ndarray]:
+    """The second action puts its object on another one, beyond the side +x of the allowed area by a length [m]."""
+    pose = problem.initial_pose.copy()
+    turn = 0.3
+    away = REGION + ROOM + beyond
+    pose[1, :2] = m[1, :2] - away * np.array([np.cos(turn), np.sin(turn)])
+    pose[1, 3] = turn
+    half = np.zeros((2, 1, 2))
+    half[1] = REGION + ROOM
+    return {"initial_pose": pose, "top_object": np.array([[0], [1]], np.int32), "top_half": half}
 
 
 def clear_region(problem: Problem, covered: float) -> np.ndarray:
@@ -170,6 +184,8 @@ def violate(point: Point, kind: str, amount: float) -> Point:
         return point.with_problem(support=support)
     if kind == "kept_clear":
         return point.with_problem(kept_clear=clear_region(problem, amount))
+    if kind == "on_top":
+        return point.with_problem(**lower_object(problem, point.x.m, amount))
     if kind == "approach":
         return point.with_problem(straight_distance=np.array([[0.0, amount], [0.0, 0.0]]))
     if kind in ("sideways", "turn"):

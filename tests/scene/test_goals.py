@@ -77,11 +77,14 @@ def with_region(**changed: Any) -> Callable[[], Scene]:
     ("make", "message"),
     [
         (with_goal(), "the goal has no fact"),
-        (with_goal([]), r"an empty fact; valid are .*\['on', 'object', 'region'\]"),
+        (with_goal([]), r"an empty fact; valid are .*\['on', 'object', 'support'\]"),
         (with_goal(["under", "a", "plate"]), r"\['under', 'a', 'plate'\]; valid are .*'clear'"),
         (with_goal(["on", "a"]), r"\['on', 'a'\]; valid are"),
         (with_goal(["on", "d", "plate"]), "names the object 'd'; the scene has 'a', 'b', 'c'"),
-        (with_goal(["on", "a", "tray"]), "names the region 'tray'; the scene has 'plate', 'spot'"),
+        (
+            with_goal(["on", "a", "tray"]),
+            "names the support 'tray'; the scene has 'plate', 'spot', 'a'",
+        ),
         (with_goal(["holding", "up", "a"]), "names the arm 'up'; the scene has 'left', 'right'"),
         (with_goal(["hands_empty"], ["hands_empty"]), "'hands empty' twice"),
         (with_goal(["on", "a", "plate"], ["on", "a", "spot"]), "'a' is in one place"),

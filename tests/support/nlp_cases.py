@@ -128,6 +128,28 @@ SINGLE_ARM = Setting(
 """One arm, a box, a cylinder, a screen that hangs before it, and a region that has to be clear."""
 
 
+STACKS = Setting(
+    replace(SCENE, goal=Goal((On("yellow", "can"), On("green", "yellow")))),
+    (
+        # Onto a cylinder that stands where the scene has it, and onto what was put there.
+        (
+            grasp("left", "+y", "yellow"),
+            place("left", "yellow", "can"),
+            grasp("left", "+x", "green"),
+            place("left", "green", "yellow"),
+        ),
+        # Onto a cylinder that an earlier action has placed.
+        (
+            grasp("right", "+x", "can"),
+            place("right", "can", "table"),
+            grasp("left", "-x", "yellow"),
+            place("left", "yellow", "can"),
+        ),
+    ),
+)
+"""Objects that are put on other objects."""
+
+
 @dataclass(frozen=True)
 class Case:
     """B problems with as many points."""

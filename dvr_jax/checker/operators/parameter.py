@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from dvr_jax.checker.shapes import FACE_NORMALS
+from dvr_jax.scene.start import objects_as_supports
 from dvr_jax.scene.types import Scene
 
 Arguments = Mapping[str, str]
@@ -39,7 +40,7 @@ def _faces(scene: Scene) -> tuple[str, ...]:
 
 
 def _support_names(scene: Scene) -> tuple[str, ...]:
-    return tuple(scene.supports())
+    return (*scene.supports(), *objects_as_supports(scene))
 
 
 ARM = Parameter("arm", "arms", _arm_names)

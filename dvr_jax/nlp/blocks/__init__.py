@@ -14,6 +14,7 @@ from dvr_jax.nlp.blocks.footprint import FOOTPRINT
 from dvr_jax.nlp.blocks.joint_limit import JOINT_LIMIT
 from dvr_jax.nlp.blocks.kept_clear import KEPT_CLEAR
 from dvr_jax.nlp.blocks.mode_switch import MODE_SWITCH
+from dvr_jax.nlp.blocks.on_top import ON_TOP
 from dvr_jax.nlp.blocks.parameter_bound import PARAMETER_BOUND
 from dvr_jax.nlp.blocks.rest import REST
 from dvr_jax.nlp.blocks.straight_motion import STRAIGHT_CORRIDOR, STRAIGHT_LINE
@@ -26,6 +27,7 @@ CONSTRAINT_BLOCKS: tuple[ConstraintBlock, ...] = (
     PARAMETER_BOUND,
     FOOTPRINT,
     KEPT_CLEAR,
+    ON_TOP,
     STRAIGHT_LINE,
     STRAIGHT_CORRIDOR,
 )
@@ -38,6 +40,7 @@ __all__ = [
     "JOINT_LIMIT",
     "KEPT_CLEAR",
     "MODE_SWITCH",
+    "ON_TOP",
     "PARAMETER_BOUND",
     "REST",
     "STRAIGHT_CORRIDOR",

@@ -64,6 +64,9 @@ class Horizon:
     kept_clear: int = 0
     """Number C of regions that have to be clear at the end."""
 
+    tops: int = 0
+    """1 in a scene in which objects are supports, else 0."""
+
     @property
     def is_path(self) -> bool:
         """Whether the NLP is a path NLP: there are slices between the switches."""
