@@ -17,7 +17,9 @@ SCENES = Path(__file__).parents[2] / "data" / "scenes"
 def test_a_tower_of_three_is_built_and_taken_down(search: str) -> None:
     scene = dvr.load_scene(SCENES / "tower.json")
     said: list[str] = []
-    plan = dvr.plan(scene, search=search, termination="feasible", progress=said.append)
+    plan = dvr.plan(
+        scene, search=search, termination="feasible", time_limit=1200, progress=said.append
+    )
     assert plan.solved and len(plan.actions) == 4
     assert execute(plan.scene, plan.actions, plan.motion).report.succeeded
     assert any("does not know objects that stand on each other" in line for line in said) == (
@@ -33,7 +35,7 @@ def test_a_tower_of_three_is_built_and_taken_down(search: str) -> None:
     # The middle cube is moved after the one that stands on it.
     region = dvr.Region((-0.3, -0.3), 0.0, (0.12, 0.12), "spot")
     goal = dvr.Goal((dvr.On("green", "spot"), dvr.HandsEmpty()))
-    down = dvr.plan(replace(tower, goal=goal, regions=(region,)), search="mbts")
+    down = dvr.plan(replace(tower, goal=goal, regions=(region,)), search="mbts", time_limit=1200)
     assert down.solved and len(down.actions) == 4
     assert "red" in down.actions[0].arguments
     assert execute(down.scene, down.actions, down.motion).report.succeeded
