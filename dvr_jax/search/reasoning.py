@@ -16,7 +16,8 @@ Three things differ from the paper. If the network's first prediction is right, 
   keyframes and only its path failed, there mostly is a solution that differs little. Then the next leaves come before
   the relaxation, which is expensive where the motions of windows have to be judged.
 - After each failure, a best-first search by the relaxation's bound goes on for a number of prefixes
-  (`dvr_jax.search.front`). It finds solutions that are longer than those that the network was trained on.
+  (`dvr_jax.search.front`). It finds solutions that are longer than those that the network was trained on. It also gets
+  its turn whenever the network has expanded many prefixes without proposing a leaf.
 """
 
 from __future__ import annotations
@@ -54,6 +55,9 @@ the best-first search expands. It gets to a leaf in as many expansions as the bo
 
 FIRST_EXPANSIONS = 2
 """The same after the first failure, because the network's next leaves are more likely to be right than later ones."""
+
+PATIENCE = 100
+"""Number of prefixes that the network expands without proposing a leaf before the best-first search has a turn."""
 
 
 @dataclass(slots=True, eq=False)
@@ -175,9 +179,16 @@ def _guided(
     threshold = THRESHOLD
     width = 1
     failures = 0
+    expanded = 0
     while to_expand or leaves:
         tree.solver.look_at_the_clock()
+        if expanded == PATIENCE:
+            expanded = 0
+            outcome = yield from _advance(session, front, 0, EXPANSIONS)
+            if outcome is not None:
+                return outcome
         if to_expand:
+            expanded += 1
             for child in _expand(session, network, encoding, to_expand.pop(threshold)):
                 (leaves if child.node.reaches_goal else to_expand).push(child)
 
@@ -192,6 +203,7 @@ def _guided(
             if outcome is not None:
                 return outcome
             failures += 1
+            expanded = 0
             width = min(GROWTH * width, LARGEST_BATCH)
             is_first = failures == 1
             if is_first and tree.counts.verdicts["path"] > tried_paths:
