@@ -215,7 +215,7 @@ def _add_object(ry: Any, config: Any, n: int, item: SceneObject) -> None:
     """Add a box with a frame at each corner of its footprint, at the height of its center."""
     rounding = min(ROUNDING, LARGEST_ROUNDING * min(item.size))
     body = config.addFrame(object_frame(n))
-    body.setPose([*item.center, *_yaw_quaternion(item.yaw)])
+    body.setPose([*item.position, item.half_extents[2], *_yaw_quaternion(item.yaw)])
     body.setShape(ry.ST.ssBox, [*item.size, rounding]).setContact(1)
 
     hx, hy, _ = item.half_extents

@@ -41,7 +41,7 @@ def check_start_and_speed(motion: ReplayedMotion, log: FindingLog) -> None:
         sine = np.sin(item.yaw)
         upright = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 
-        shift = np.linalg.norm(positions[0] - item.center)
+        shift = np.linalg.norm(positions[0] - motion.scene.center_of(item))
         log.add(HOME_SHIFT, 0, names, float(shift), SHIFT)
 
         turn = angle_between(motion.object_rotations[0, index], upright)

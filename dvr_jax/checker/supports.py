@@ -18,7 +18,8 @@ from dvr_jax.geometry.footprint import Rectangle
 from dvr_jax.goals import Inside
 
 LYING_HEIGHT = 0.01
-"""An object whose lowest point is higher than this above a region does not cover it: it is held above it [m]."""
+"""An object whose lowest point is farther than this above or below a region does not cover it: it is held above it, or
+is below the body on which the region lies [m]."""
 
 SHORTEST_SIDE = 1e-9
 """Shorter sides of an outline have no direction [m]."""
@@ -61,7 +62,7 @@ def check_standing(
 def check_not_covering(
     motion: ReplayedMotion, index: int, region: str, sample: int, log: FindingLog
 ) -> None:
-    """Check that an object covers no part of a region, unless it is held above the region.
+    """Check that an object covers no part of a region, unless it is held above the region or is below it.
 
     Args:
         motion: The replayed motion.
@@ -75,7 +76,7 @@ def check_not_covering(
     position = motion.object_positions[sample, index]
     rotation = motion.object_rotations[sample, index]
     place = motion.scene.supports()[region]
-    if shape.lowest_point(item.size, position, rotation) > place.height + LYING_HEIGHT:
+    if abs(shape.lowest_point(item.size, position, rotation) - place.height) > LYING_HEIGHT:
         return
 
     depth = covered_depth(shape.bottom_outline(item.size, position, rotation), place.area)

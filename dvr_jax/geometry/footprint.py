@@ -94,19 +94,23 @@ def inside(inner: Footprint, outer: Rectangle, tolerance: float = BORDER_TOLERAN
     return bool(np.all(np.abs(_to_local(inner.corners(), outer)) <= half))
 
 
-def covers(outer: Footprint, inner: Rectangle) -> bool:
-    """Whether a footprint covers a rectangle fully; touching the border counts as covered.
+def covers(outer: Footprint, inner: Footprint, tolerance: float = BORDER_TOLERANCE) -> bool:
+    """Whether a footprint covers another one fully; touching the border counts as covered.
 
     Args:
-        outer: The footprint.
-        inner: The rectangle.
+        outer: The footprint that covers.
+        inner: The footprint that is covered.
+        tolerance: Distance by which the inner one may reach over the border [m].
     """
     if isinstance(outer, Rectangle):
-        return inside(inner, outer)
+        return inside(inner, outer, tolerance)
+
+    if isinstance(inner, Circle):
+        return math.dist(inner.center, outer.center) + inner.radius <= outer.radius + tolerance
 
     distances = np.linalg.norm(inner.corners() - np.asarray(outer.center), axis=1)
 
-    return bool(np.all(distances <= outer.radius + BORDER_TOLERANCE))
+    return bool(np.all(distances <= outer.radius + tolerance))
 
 
 def fits(inner: Footprint, sides: tuple[float, float]) -> bool:

@@ -1,7 +1,8 @@
-"""The mode of an object that an action has placed: it stands upright on the table where the parameters say.
+"""The mode of an object that an action has placed: it stands upright on its support where the parameters say.
 
-The mode parameters are ``m = (x, y, yaw, 0)``: the object's center [m] and yaw [rad] in the world. The fourth parameter
-is not used and is kept at zero. The center's height is half the object's height.
+The mode parameters are ``m = (x, y, yaw, bottom)``: the object's center (x, y) [m] and yaw [rad] in the world, and the
+height of its support above the table's top [m]. An action that places an object on a known support pins the fourth
+parameter. The center's height is that of the support plus half the object's height.
 """
 
 from __future__ import annotations
@@ -19,14 +20,15 @@ from dvr_jax.modes.mode import PARAMETERS, Attachment
 def standing_pose(attached: Attachment) -> Float[Array, "4 *#batch"]:
     """Return the poses of placed objects: x, y, z [m] and yaw [rad]."""
     m = attached.parameters
-    return jnp.stack(jnp.broadcast_arrays(m[0], m[1], attached.half_height, m[2]))
+    return jnp.stack(jnp.broadcast_arrays(m[0], m[1], m[3] + attached.half_height, m[2]))
 
 
 def twists(position: Vector) -> tuple[Float[Array, "3 4 *#batch"], Float[Array, "3 4 *#batch"]]:
     """Compute the world twist of placed objects at unit rate of each mode parameter.
 
-    The first two parameters move the object along x and y. The third turns it about the vertical axis through its
-    center p: its angular velocity is z, and the velocity of the point at the world's origin is ``p x z``.
+    The first two parameters move the object along x and y, the fourth one moves it up. The third turns it about the
+    vertical axis through its center p: its angular velocity is z, and the velocity of the point at the world's origin
+    is ``p x z``.
 
     Args:
         position: Centers of the objects (3, ...) [m].
@@ -46,7 +48,7 @@ def twists(position: Vector) -> tuple[Float[Array, "3 4 *#batch"], Float[Array, 
     x, y, up = (np.eye(3, dtype=position.dtype)[axis].reshape(-1, *ones) for axis in range(3))
     zero = jnp.zeros_like(position[0])
     spin = vector(position[1], -position[0], zero)
-    return column(up, 2), column(x, 0) + column(y, 1) + column(spin, 2)
+    return column(up, 2), column(x, 0) + column(y, 1) + column(spin, 2) + column(up, 3)
 
 
 def pose_on_host(
@@ -61,4 +63,4 @@ def pose_on_host(
     Returns:
         Rotation and position [m].
     """
-    return Rotation.from_euler("z", m[2]), np.array([m[0], m[1], half_height])
+    return Rotation.from_euler("z", m[2]), np.array([m[0], m[1], m[3] + half_height])

@@ -5,7 +5,8 @@ the switch in which it is grasped or placed. Rows of one part, for A arms, N obj
 
 - each hand from each object, arm after arm (A N);
 - each object from the table (N);
-- two objects, and an object and a fixed body, in the order of `dvr_jax.nlp.collision_rows.object_pairs`.
+- two objects, and an object and a fixed body, in the order of `dvr_jax.nlp.collision_rows.object_pairs`. An object
+  touches the body on which it stands, and comes close to it when it is placed or was just grasped.
 
 `dvr_jax.workcell.clearances` states the values, and by which rules they shrink.
 """
@@ -20,10 +21,16 @@ import numpy as np
 from jaxtyping import Float
 
 from dvr_jax.geometry.footprint import signed_distance
+from dvr_jax.goals import TABLE
 from dvr_jax.modes.mode import ModeKind
-from dvr_jax.operators import ModeSwitch, SkeletonState
+from dvr_jax.nlp.collision_rows import object_pairs
+from dvr_jax.operators import NO_BODY, ModeSwitch, SkeletonState
 from dvr_jax.scene.types import FixedBody, Scene, SceneObject
 from dvr_jax.workcell.clearances import GRIP_ROOM, LIFT_MARGIN
+
+STANDING_ROOM = 1e-3
+"""A standing object may overlap the body on which it stands by this much without a violation [m]: the two touch, and
+rounding must not make their distance an active row."""
 
 
 class PhasePart(IntEnum):
@@ -79,11 +86,34 @@ def body_clearances(
             # An object that stood before its grasp may be near its support right after it.
             lift[k + 1, PhasePart.START, item] = 0
 
-    # Pairs of bodies keep the same clearance in all parts.
     parts = lift.shape[:2]
-    pairs = _pair_clearances(scene)
-    of_pairs = np.broadcast_to(pairs, (*parts, len(pairs)))
+    of_pairs = _pairs_in_parts(scene, states, switches)
     return np.concatenate([hands.reshape(*parts, -1), lift, of_pairs], axis=2)
+
+
+def _pairs_in_parts(
+    scene: Scene, states: Sequence[SkeletonState], switches: Sequence[ModeSwitch]
+) -> Float[np.ndarray, "states parts pairs"]:
+    """Return the clearances of pairs of bodies in all parts of all phases [m]."""
+    first, second = object_pairs(len(scene.objects), len(scene.fixed))
+    number = {
+        pair: row for row, pair in enumerate(zip(first.tolist(), second.tolist(), strict=True))
+    }
+    found = np.tile(_pair_clearances(scene), (len(states), len(PhasePart), 1))
+
+    for k, state in enumerate(states):
+        for n, mode in enumerate(state.modes):
+            if mode.support != NO_BODY:
+                found[k, :, number[n, mode.support]] = -STANDING_ROOM
+
+    for k, switch in enumerate(switches):
+        old = states[k].modes[switch.item]
+        new = switch.mode
+        if old.support != NO_BODY:
+            found[k + 1, PhasePart.START, number[switch.item, old.support]] = 0
+        if new.support != NO_BODY:
+            found[k, PhasePart.END, number[switch.item, new.support]] = 0
+    return found
 
 
 def _closing_yaw(switches: Sequence[ModeSwitch], item: int) -> float:
@@ -108,11 +138,26 @@ def _pair_clearances(scene: Scene) -> Float[np.ndarray, " pairs"]:
         *product(scene.objects, scene.fixed),
     ]
     wanted = scene.workcell.clearances.object_to_object
-    return np.array([np.clip(_distance(*pair), 0, wanted) for pair in pairs])
+    found = []
+    for item, other in pairs:
+        # An object that is lifted off its support keeps the whole clearance thereafter.
+        stands_on_it = item.support == other.name != TABLE
+        distance = wanted if stands_on_it else _distance(scene, item, other)
+        found.append(np.clip(distance, 0, wanted))
+    return np.array(found)
 
 
-def _distance(item: SceneObject, other: SceneObject | FixedBody) -> float:
+def _distance(scene: Scene, item: SceneObject, other: SceneObject | FixedBody) -> float:
     """Return a lower bound of the distance of two bodies at the start [m]; negative if they overlap."""
     horizontal = signed_distance(item.footprint, other.footprint)
-    bottom = other.bottom if isinstance(other, FixedBody) else 0.0
-    return max(horizontal, bottom - item.height)
+    low, high = _heights(scene, item)
+    other_low, other_high = _heights(scene, other)
+    return max(horizontal, other_low - high, low - other_high)
+
+
+def _heights(scene: Scene, body: SceneObject | FixedBody) -> tuple[float, float]:
+    """Return the heights of the bottom and of the top of a body at the start [m]."""
+    if isinstance(body, FixedBody):
+        return body.bottom, body.top
+    bottom = scene.bottom_of(body)
+    return bottom, bottom + body.height

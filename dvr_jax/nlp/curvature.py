@@ -34,6 +34,10 @@ from dvr_jax.nlp.system import BorderedSystem, Curvature
 from dvr_jax.nlp.working_rows import RowIndex, samples_of_rows, take_multipliers
 from dvr_jax.workcell.model import WorkcellModel
 
+CURVED_PER_PHASE = 5
+"""Number of distances of a phase whose curvature is computed: those with the largest multipliers. Optimal paths have
+fewer distances with a multiplier than this, on average over the phases."""
+
 
 def constraint_curvature(
     model: WorkcellModel,
@@ -53,7 +57,11 @@ def constraint_curvature(
         multipliers: Multipliers of all rows; those of distances that are no working rows are not used.
         index: The working rows of each problem.
     """
+    # A distance without a multiplier has no curvature, so only a part of the working rows is looked at.
     of_distances = jax.vmap(take_multipliers)(multipliers, index)[:, : index.collision.shape[1]]
+    number = min(CURVED_PER_PHASE * horizon.phases, of_distances.shape[1])
+    of_distances, places = jax.lax.top_k(of_distances, number)
+    index = index._replace(collision=jnp.take_along_axis(index.collision, places, axis=1))
     by_columns = materialize(_distance_curvature(model, horizon, chunks, index, of_distances))
     parts = [
         jax.vmap(_to_variables, in_axes=(0, 0, 0, None))(given.problems, index, by_columns, horizon)

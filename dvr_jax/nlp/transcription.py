@@ -26,6 +26,7 @@ from dvr_jax.operators import (
     Operator,
     SkeletonState,
     operator_of,
+    standing_mode,
 )
 from dvr_jax.scene.start import cleared_regions
 from dvr_jax.scene.types import Scene
@@ -63,7 +64,7 @@ def transcribe(
 
     return Problem(
         prism=_floats([item.kind.prism(item.size) for item in scene.objects], 4),
-        initial_pose=_floats([(*item.center, item.yaw) for item in scene.objects], 4),
+        initial_pose=_floats([(*scene.center_of(item), item.yaw) for item in scene.objects], 4),
         fixed_prism=_floats([body.kind.prism(body.size) for body in scene.fixed], 4),
         fixed_pose=_floats([(*body.position, body.yaw) for body in scene.fixed], 4),
         base_rotation=base_rotations(scene.workcell),
@@ -184,7 +185,7 @@ def walk(
         The K + 1 states before, between and after the K actions, and the K switches.
     """
     modes = tuple(
-        ObjectMode(ModeKind.ABSENT if item.name in ignored else ModeKind.FIXED)
+        ObjectMode(ModeKind.ABSENT) if item.name in ignored else standing_mode(scene, item)
         for item in scene.objects
     )
     opening = (scene.workcell.robot.finger_travel,) * scene.workcell.number_of_arms

@@ -3,6 +3,7 @@
 from dvr_jax.operators.grasp import GRASP
 from dvr_jax.operators.grounding import OPERATORS, ground_scene
 from dvr_jax.operators.operator import (
+    NO_BODY,
     ModeSwitch,
     ObjectMode,
     Operator,
@@ -13,11 +14,13 @@ from dvr_jax.operators.operator import (
     object_of,
     operator_of,
     refute,
+    standing_mode,
 )
 from dvr_jax.operators.place import PLACE
 
 __all__ = [
     "GRASP",
+    "NO_BODY",
     "OPERATORS",
     "PLACE",
     "ModeSwitch",
@@ -31,4 +34,5 @@ __all__ = [
     "object_of",
     "operator_of",
     "refute",
+    "standing_mode",
 ]

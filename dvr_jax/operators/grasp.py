@@ -205,7 +205,9 @@ def _propose_grasp(
     is_fixed = (before.kind == ModeKind.FIXED)[:, None, None]
     placed_at = jnp.moveaxis(before.parameters, -1, 0)[..., None]
     x, y, z, yaw = (of_item(step.initial_pose[..., i], step) for i in range(4))
+    half_height = of_item(step.prism[..., 2], step)
     yaw = jnp.where(is_fixed, yaw, placed_at[2])
+    z = jnp.where(is_fixed, z, placed_at[3] + half_height)
     R = rotation_about_z(*materialize((jnp.cos(yaw), jnp.sin(yaw))))
     p = vector(jnp.where(is_fixed, x, placed_at[0]), jnp.where(is_fixed, y, placed_at[1]), z)
 

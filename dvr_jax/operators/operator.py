@@ -13,13 +13,17 @@ from enum import Enum
 
 from dvr_jax.errors import DvrError
 from dvr_jax.geometry.footprint import Rectangle
+from dvr_jax.goals import TABLE
 from dvr_jax.logic import Action
 from dvr_jax.modes.mode import ModeKind
 from dvr_jax.operators.proposal import Proposal
-from dvr_jax.scene.types import Scene
+from dvr_jax.scene.types import Scene, SceneObject
 
 FREE = 1e3
 """Bound of a mode parameter that has no bound; it is finite, so that no arithmetic yields NaN."""
+
+NO_BODY = -1
+"""Stands for the table where the index of an object or a fixed body is wanted."""
 
 FourFloats = tuple[float, float, float, float]
 
@@ -49,6 +53,13 @@ class ObjectMode:
 
     parent: int = 0
     """Index of the arm that holds the object; 0, without meaning, if no arm holds it."""
+
+    support: int = NO_BODY
+    """Index of the body on whose top the object stands, fixed bodies after the objects; `NO_BODY` for the table, and
+    where the object does not stand."""
+
+    bottom: float = 0.0
+    """Height of the bottom of a standing object above the table's top [m]; without meaning if it does not stand."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +106,7 @@ class ModeSwitch:
     """Weights of the squared mode parameters in the cost [1/m^2 or 1/rad^2]; small parameters are preferred."""
 
     support: Rectangle | None = None
-    """Area of the table on which the object is placed; None if the action does not place it."""
+    """Area, seen from above, on which the object is placed; None if the action does not place it."""
 
     inner_prism: FourFloats = (0.0, 0.0, 0.0, 0.0)
     """Prism (hx, hy, hz, r) of the part of the object whose outline has to lie within the support: the object itself,
@@ -103,6 +114,32 @@ class ModeSwitch:
 
     kept_clear: tuple[Rectangle, ...] = ()
     """Areas that the placed object must not cover."""
+
+
+def standing_mode(scene: Scene, item: SceneObject) -> ObjectMode:
+    """Return the mode of an object at the start.
+
+    Args:
+        scene: A valid scene.
+        item: One of its objects.
+    """
+    return ObjectMode(
+        ModeKind.FIXED,
+        support=body_index(scene, item.support),
+        bottom=scene.bottom_of(item),
+    )
+
+
+def body_index(scene: Scene, name: str) -> int:
+    """Return the index of a fixed body among all bodies, the objects first, or `NO_BODY` for the table.
+
+    Args:
+        scene: A valid scene.
+        name: Name of the support.
+    """
+    if name == TABLE:
+        return NO_BODY
+    return len(scene.objects) + [body.name for body in scene.fixed].index(name)
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
-"""The operator "place": an arm puts the object that it holds upright onto the table or onto a region.
+"""The operator "place": an arm puts the object that it holds upright onto the table or onto a region of any support.
 
-The mode parameters of a place are (x, y, yaw, 0); `dvr_jax.modes.placed` defines them.
+The mode parameters of a place are (x, y, yaw, bottom); `dvr_jax.modes.placed` defines them.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from dvr_jax.operators.operator import (
     Operator,
     Parameter,
     SkeletonState,
+    body_index,
 )
 from dvr_jax.operators.proposal import (
     BeamStep,
@@ -98,10 +99,16 @@ def _inner_prism(scene: Scene, name: str, support: str) -> tuple[float, float, f
 def _kept_clear(scene: Scene, support: str) -> tuple[Rectangle, ...]:
     """Return the regions that a place keeps off, because the goal wants them to be clear.
 
-    They are enlarged by the clearance that objects on a region keep from its edge.
+    They are enlarged by the clearance that objects on a region keep from its edge. Regions on other bodies do not
+    matter, because they lie higher or lower.
     """
     edge = scene.workcell.clearances.region_edge
-    areas = [scene.region(name).footprint for name in cleared_regions(scene) if name != support]
+    supports = scene.supports()
+    areas = [
+        scene.region(name).footprint
+        for name in cleared_regions(scene)
+        if name != support and supports[name].owner == supports[support].owner
+    ]
     return tuple(
         Rectangle(area.center, (area.half[0] + edge, area.half[1] + edge), area.yaw)
         for area in areas
@@ -136,13 +143,15 @@ def _switch(state: SkeletonState, action: Action) -> ModeSwitch:
     arm = state.scene.workcell.arm_index(arm_name)
     opening = list(state.finger_opening)
     opening[arm] = state.scene.workcell.robot.finger_travel
+    place = state.scene.supports()[support]
+    owner = body_index(state.scene, place.owner)
     return ModeSwitch(
         item=state.scene.object_index(name),
         acting_arm=arm,
         arms_at_rest=frozenset({arm}),
-        mode=ObjectMode(ModeKind.PLACED),
-        lower=(-FREE, -FREE, -FREE, 0.0),
-        upper=(FREE, FREE, FREE, 0.0),
+        mode=ObjectMode(ModeKind.PLACED, support=owner, bottom=place.height),
+        lower=(-FREE, -FREE, -FREE, place.height),
+        upper=(FREE, FREE, FREE, place.height),
         finger_opening=tuple(opening),
         support=_clear_rectangle(state.scene, name, support),
         inner_prism=_inner_prism(state.scene, name, support),
@@ -195,9 +204,10 @@ def _propose_place(
     x, y, yaw = materialize((x, y, jnp.broadcast_to(turn + support[2], x.shape)))
     R = rotation_about_z(*materialize((jnp.cos(yaw), jnp.sin(yaw))))
     shape = (*x.shape[:1], before.parameters.shape[1], *x.shape[2:])
-    R, p = world_gripper(R, vector(x, y, prism[2]), held_frame(before), shape)
+    bottom = jnp.broadcast_to(step.parameter_lower[:, None, None, 3], x.shape)
+    R, p = world_gripper(R, vector(x, y, bottom + prism[2]), held_frame(before), shape)
 
-    m = jnp.stack(jnp.broadcast_arrays(x, y, yaw, jnp.zeros_like(x)))
+    m = jnp.stack(jnp.broadcast_arrays(x, y, yaw, bottom))
     for number in range(step.kept_clear.shape[1]):
         region = step.kept_clear[:, number].T[..., None, None]
         outline = jnp.stack([prism[0], prism[1], prism[3]])

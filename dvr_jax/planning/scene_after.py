@@ -18,11 +18,13 @@ from numpy.typing import NDArray
 
 from dvr_jax.errors import DvrError, MotionError
 from dvr_jax.geometry.footprint import Circle, Footprint, signed_distance
-from dvr_jax.operators import ground_scene, object_of
+from dvr_jax.goals import TABLE
+from dvr_jax.modes.mode import ModeKind
+from dvr_jax.operators import Parameter, ground_scene, object_of, operator_of
 from dvr_jax.scene.layout import qpos_layout
 from dvr_jax.scene.types import Scene, SceneObject
 from dvr_jax.scene.validation import validate_scene
-from dvr_jax.scene.workcell_rules import base_footprints
+from dvr_jax.scene.workcell_rules import base_footprints, base_height
 
 if TYPE_CHECKING:
     from dvr_jax.planning.result import Plan
@@ -42,10 +44,12 @@ Vector = NDArray[np.float64]
 
 @dataclass(slots=True)
 class _Item:
-    """A footprint that may or may not be moved."""
+    """A footprint that may or may not be moved, and the interval of heights in which the body has it [m]."""
 
     footprint: Footprint
     movable: bool
+    low: float
+    high: float
 
     def move(self, shift: Vector) -> None:
         """Move the footprint by a vector."""
@@ -67,7 +71,8 @@ def scene_after(plan: Plan) -> Scene:
     _require_empty_hands(plan)
 
     moved = {object_of(action, plan.operators) for action in plan.actions}
-    final_objects = _objects_of_state(plan.scene, plan.motion.qpos[-1], moved)
+    placed = replace(plan.scene, objects=_objects_on_supports(plan))
+    final_objects = _objects_of_state(placed, plan.motion.qpos[-1], moved)
     shifted_objects = _part_objects(plan.scene, final_objects, moved)
     scene = replace(plan.scene, objects=shifted_objects)
 
@@ -100,6 +105,17 @@ def _require_empty_hands(plan: Plan) -> None:
             )
 
 
+def _objects_on_supports(plan: Plan) -> tuple[SceneObject, ...]:
+    """Return the scene's objects with the bodies on which they stand after the plan."""
+    supports = {item.name: item.support for item in plan.scene.objects}
+    for action in plan.actions:
+        operator = operator_of(action, plan.operators)
+        if operator.mode_after == ModeKind.PLACED:
+            place = operator.argument(action, Parameter.SUPPORT)
+            supports[object_of(action, plan.operators)] = plan.scene.supports()[place].owner
+    return tuple(replace(item, support=supports[item.name]) for item in plan.scene.objects)
+
+
 def _objects_of_state(
     scene: Scene, qpos: NDArray[np.float64], moved: set[str]
 ) -> tuple[SceneObject, ...]:
@@ -126,13 +142,23 @@ def _part_objects(
     scene: Scene, objects: tuple[SceneObject, ...], moved: set[str]
 ) -> tuple[SceneObject, ...]:
     """Shift objects that were moved until they overlap neither each other, nor others, nor the arms' feet."""
-    items = [_Item(item.footprint, item.name in moved) for item in objects]
-    obstacles = [_Item(footprint, movable=False) for footprint in _obstacles(scene)]
+    tops: dict[str, Footprint] = {TABLE: scene.workcell.table.footprint}
+    tops |= {body.name: body.footprint for body in scene.fixed}
+    items = [
+        _Item(
+            item.footprint,
+            item.name in moved,
+            bottom := scene.bottom_of(item),
+            bottom + item.height,
+        )
+        for item in objects
+    ]
+    obstacles = _obstacles(scene)
 
     for _ in range(SWEEPS):
         changed = False
-        for item in items:
-            changed |= _move_onto_table(item, scene.workcell.table.half_extents)
+        for item, standing in zip(items, objects, strict=True):
+            changed |= _move_onto_top(item, tops[standing.support])
         for first, second in combinations([*items, *obstacles], 2):
             changed |= _part(first, second)
         if not changed:
@@ -147,6 +173,8 @@ def _part_objects(
 
 def _part(first: _Item, second: _Item) -> bool:
     """Part two footprints that overlap by the least translation, and say whether one was moved."""
+    if min(first.high, second.high) <= max(first.low, second.low):
+        return False
     distance = signed_distance(first.footprint, second.footprint)
     if distance >= 0 or not (first.movable or second.movable):
         return False
@@ -181,19 +209,23 @@ def _gradient(first: Footprint, second: Footprint, step: float = 1e-7) -> Vector
     return gradient / length if length > 0 else np.array([1.0, 0.0])
 
 
-def _move_onto_table(item: _Item, half_extents: tuple[float, float]) -> bool:
-    """Move a footprint that reaches over the table's border back onto it, and say whether it was moved."""
-    if not item.movable:
+def _move_onto_top(item: _Item, top: Footprint) -> bool:
+    """Move a footprint that reaches over the border of a top back onto it, and say whether it was moved.
+
+    On a round top, validation alone decides whether the footprint reaches over the border by too much.
+    """
+    if not item.movable or isinstance(top, Circle):
         return False
 
     if isinstance(item.footprint, Circle):
         reach = np.full(2, item.footprint.radius)
     else:
-        reach = np.abs(item.footprint.corners() - item.footprint.center).max(axis=0)
+        offsets = item.footprint.corners() - item.footprint.center
+        reach = np.abs(offsets @ top.axes().T).max(axis=0)
 
-    room = np.asarray(half_extents) - reach
-    center = np.asarray(item.footprint.center)
-    shift = np.clip(center, -room, room) - center
+    room = np.maximum(np.asarray(top.half) - reach, 0)
+    local = top.axes() @ np.subtract(item.footprint.center, top.center)
+    shift = (np.clip(local, -room, room) - local) @ top.axes()
     if not shift.any():
         return False
 
@@ -201,9 +233,12 @@ def _move_onto_table(item: _Item, half_extents: tuple[float, float]) -> bool:
     return True
 
 
-def _obstacles(scene: Scene) -> list[Footprint]:
-    """Return what objects may not overlap: the arms' feet, and fixed bodies that begin lower than an object is high."""
+def _obstacles(scene: Scene) -> list[_Item]:
+    """Return what objects may not overlap: the arms' feet, and the fixed bodies."""
     workcell = scene.workcell
+    height = base_height(workcell.robot)
     feet = [part for arm in workcell.arms for part in base_footprints(arm, workcell.robot)]
-    highest = max(item.height for item in scene.objects)
-    return [*feet, *(body.footprint for body in scene.fixed if body.bottom < highest)]
+    return [
+        *(_Item(foot, movable=False, low=0.0, high=height) for foot in feet),
+        *(_Item(body.footprint, False, body.bottom, body.top) for body in scene.fixed),
+    ]

@@ -95,7 +95,7 @@ def render_depth(scene: Scene, width: int = 64, height: int = 64) -> DepthImage:
         data = build_home_data(model)
 
     for body in bodies:
-        center = body.center if isinstance(body, SceneObject) else body.position
+        center = scene.center_of(body) if isinstance(body, SceneObject) else body.position
         radius = float(np.linalg.norm(body.half_extents))
         window = SCENE_CAMERA.window(center, radius, width, height)
         depth[window], object_masks[:, *window] = _see(
@@ -107,8 +107,9 @@ def render_depth(scene: Scene, width: int = 64, height: int = 64) -> DepthImage:
     for region in scene.all_regions:
         area = region.footprint
         radius = float(np.linalg.norm(area.half))
-        window = SCENE_CAMERA.window((*area.center, 0.0), radius, width, height)
-        goal_mask[window] |= _project_rectangle(area, SCENE_CAMERA, rays[window])
+        level = scene.height_of_top(region.support)
+        window = SCENE_CAMERA.window((*area.center, level), radius, width, height)
+        goal_mask[window] |= _project_rectangle(area, level, SCENE_CAMERA, rays[window])
 
     return DepthImage(depth, object_masks, goal_mask)
 
@@ -161,7 +162,8 @@ def render_depth_of_state(
     goal_mask = np.zeros((height, width), np.bool_)
 
     for region in scene.all_regions:
-        goal_mask |= _project_rectangle(region.footprint, camera, rays)
+        level = scene.height_of_top(region.support)
+        goal_mask |= _project_rectangle(region.footprint, level, camera, rays)
 
     return DepthImage(depth, object_masks, goal_mask)
 
@@ -259,14 +261,14 @@ def _see(
 
 def _project_rectangle(
     rectangle: Rectangle,
+    level: float,
     camera: Pinhole,
     rays: Float[np.ndarray, "height width 3"],
 ) -> Bool[np.ndarray, "height width"]:
-    """Pixels whose ray meets a rectangle on the plane z = 0, whatever stands in between."""
-    descent = np.minimum(rays[..., 2], -1e-9)  # a ray towards the sky never meets the table
-    points = (
-        np.asarray(camera.position)[:2] + rays[..., :2] * (-camera.position[2] / descent)[..., None]
-    )
+    """Pixels whose ray meets a rectangle on the plane z = level, whatever stands in between."""
+    descent = np.minimum(rays[..., 2], -1e-9)  # a ray towards the sky never meets the plane
+    drop = level - camera.position[2]
+    points = np.asarray(camera.position)[:2] + rays[..., :2] * (drop / descent)[..., None]
     local = (points - np.asarray(rectangle.center)) @ rectangle.axes().T
     within = np.all(np.abs(local) <= np.asarray(rectangle.half), axis=-1)
 

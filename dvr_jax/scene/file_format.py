@@ -8,7 +8,8 @@ Version 1 (meters, radians, full extents; the table's top is z = 0; "home" and e
      "goal": {"object": "yellow", "region": {"position": [x, y], "yaw": r, "size": [sx, sy]}},
      "home": {"left": [7 joint angles], "right": [7 joint angles]}}
 
-An object may also have "density" [kg/m^3] and "friction", the coefficient of sliding friction.
+An object may also have "density" [kg/m^3] and "friction", the coefficient of sliding friction. In version 2 it may also
+have "support", the name of the fixed body on whose top it stands.
 
 Version 2 says where the arms stand and what else does. It has no "home", as each arm has its own; "workcell", "fixed",
 and of the workcell each arm's "home" and the "table" may be left out:
@@ -22,7 +23,7 @@ and of the workcell each arm's "home" and the "table" may be left out:
 Its goal may also be a list of facts about named regions; "support" and "inside" of a region may be left out:
 
      "regions": [{"name": "plate", "position": [x, y], "yaw": r, "size": [sx, sy],
-                  "support": "table", "inside": "footprint" or "center"}],
+                  "support": "table" or a fixed body, "inside": "footprint" or "center"}],
      "goal": [["on", "yellow", "plate"], ["holding", "left", "can"], ["hands_empty"], ["clear", "plate"]]
 """
 
@@ -39,7 +40,7 @@ Record = msgspec.Struct
 
 
 class ObjectRecord(Record, forbid_unknown_fields=True, omit_defaults=True):
-    """One object; without "density" and "friction" it has the usual ones."""
+    """One object; without "density" and "friction" it has the usual ones, without "support" it stands on the table."""
 
     name: str
     shape: str
@@ -48,6 +49,7 @@ class ObjectRecord(Record, forbid_unknown_fields=True, omit_defaults=True):
     yaw: float
     density: float | None = None
     friction: float | None = None
+    support: str | None = None
 
 
 class RegionRecord(Record, forbid_unknown_fields=True):

@@ -11,7 +11,7 @@ from pathlib import Path
 import msgspec
 
 from dvr_jax.errors import DvrError, SceneError
-from dvr_jax.goals import Goal, GoalFact, known_facts, make_fact, words_of
+from dvr_jax.goals import TABLE, Goal, GoalFact, known_facts, make_fact, words_of
 from dvr_jax.runtime.files import read_whole, require_writable, write_whole
 from dvr_jax.scene.file_format import (
     ArmRecord,
@@ -193,6 +193,7 @@ def _scene_of(record: SceneRecord) -> Scene:
             item.yaw,
             USUAL_DENSITY if item.density is None else item.density,
             USUAL_FRICTION if item.friction is None else item.friction,
+            TABLE if item.support is None else item.support,
         )
         for item in record.objects
     ]
@@ -286,6 +287,7 @@ def _record_of(scene: Scene) -> SceneRecord:
             item.yaw,
             None if item.density == USUAL_DENSITY else item.density,
             None if item.friction == USUAL_FRICTION else item.friction,
+            None if item.support == TABLE else item.support,
         )
         for item in scene.objects
     )

@@ -8,7 +8,7 @@ import math
 from itertools import combinations
 
 from dvr_jax.errors import SceneError
-from dvr_jax.geometry.footprint import Circle, Footprint, covers, fits, inside
+from dvr_jax.geometry.footprint import Circle, Footprint, covers, fits
 from dvr_jax.goals import (
     GOAL_REGION,
     TABLE,
@@ -31,8 +31,9 @@ from dvr_jax.scene.rules import (
     require_unique,
 )
 from dvr_jax.scene.start import goal_world
+from dvr_jax.scene.support_rules import require_on_top, require_support
 from dvr_jax.scene.types import MAXIMUM_REGIONS, Scene, SceneObject
-from dvr_jax.scene.workcell_rules import base_footprints, table_in_words
+from dvr_jax.scene.workcell_rules import base_footprints, base_height
 
 ROOM_TOLERANCE = 1e-6
 """Lengths [m] and areas [m^2] by which objects may lack room on a region, so that rounding does not decide."""
@@ -72,16 +73,11 @@ def _validate_region(region: Region, scene: Scene) -> None:
     require_numbers(f"{what}'s size", region.size, 2, (SMALLEST_SIZE, math.inf), "m")
     require_numbers(f"{what}'s position", region.position, 2)
     require_numbers(f"{what}'s yaw", (region.yaw,), 1, YAW_RANGE, "rad")
-    if region.support != TABLE:
-        raise SceneError(f"{what} lies on {region.support!r}; valid is {TABLE!r}.")
+    body = require_support(what, "lies", region.support, scene)
     if not isinstance(region.inside, Inside):
         valid = " and ".join(repr(str(value)) for value in Inside)
         raise SceneError(f"{what} has {region.inside!r} as 'inside'; valid are {valid}.")
-    if not inside(region.footprint, scene.workcell.table.footprint):
-        raise SceneError(
-            f"{what} at {in_words(region.position)} reaches off the table, "
-            f"whose top is {table_in_words(scene.workcell.table)}."
-        )
+    require_on_top(f"{what} at {in_words(region.position)}", region.footprint, body, scene)
 
 
 def words_for(region: Region) -> str:
@@ -201,8 +197,10 @@ def _require_room_for_one(scene: Scene, region: Region, item: SceneObject) -> No
             f"{in_words(item.size)} m, however it is turned; make it larger."
         )
 
+    height = scene.height_of_top(region.support)
+    is_above_bases = height >= base_height(scene.workcell.robot)
     for arm in scene.workcell.arms:
-        bases = base_footprints(arm, scene.workcell.robot)
+        bases = () if is_above_bases else base_footprints(arm, scene.workcell.robot)
         if is_whole and not has_room(item.footprint, region.footprint, bases):
             raise SceneError(
                 f"{what} at {in_words(region.position)} lies under the {arm.name} arm's base and leaves no "
@@ -211,8 +209,9 @@ def _require_room_for_one(scene: Scene, region: Region, item: SceneObject) -> No
 
     # A body over a part of the region leaves room beside it, so only the search can judge it.
     for body in scene.fixed:
-        too_low = body.bottom < item.height - OVERLAP_TOLERANCE
-        if too_low and covers(body.footprint, region.footprint):
+        is_below = body.top <= height + OVERLAP_TOLERANCE
+        is_above = body.bottom >= height + item.height - OVERLAP_TOLERANCE
+        if not is_below and not is_above and covers(body.footprint, region.footprint):
             raise SceneError(
                 f"the fixed body {body.name!r} stands on the whole {what.removeprefix('the ')}, or hangs over it "
                 f"lower than {item.name!r} is high, {item.height:g} m; move one of the two."

@@ -65,7 +65,7 @@ def home_qpos(scene: Scene, finger_travel: float | None = None) -> Float[np.ndar
     )
 
     for indices, item in zip(layout.objects, scene.objects, strict=True):
-        qpos[indices] = [*item.center, *yaw_quaternion(item.yaw)]
+        qpos[indices] = [*scene.center_of(item), *yaw_quaternion(item.yaw)]
 
     return qpos
 

@@ -101,7 +101,7 @@ def build_model_spec(scene: Scene, looks: bool = True) -> mujoco.MjSpec:
     _attach_arms(spec, scene, looks)
 
     for item, color in zip(scene.objects, object_colors(scene), strict=True):
-        _add_object(spec.worldbody, item, color)
+        _add_object(spec.worldbody, scene, item, color)
 
     for body in scene.fixed:
         _add_fixed_body(spec.worldbody, body)
@@ -212,9 +212,10 @@ def _attach_arms(spec: mujoco.MjSpec, scene: Scene, looks: bool) -> None:
         spec.attach(robot.copy(), prefix=f"{arm.name}/", frame=frame)
 
 
-def _add_object(world: mujoco.MjsBody, item: SceneObject, color: Color) -> None:
+def _add_object(world: mujoco.MjsBody, scene: Scene, item: SceneObject, color: Color) -> None:
     name = object_body_name(item.name)
-    body = world.add_body(name=name, pos=list(item.center), quat=yaw_quaternion(item.yaw))
+    position = list(scene.center_of(item))
+    body = world.add_body(name=name, pos=position, quat=yaw_quaternion(item.yaw))
     body.add_freejoint(name=f"{name}/joint")
     geom_type, size = _geom_of(item.kind, item.size)
     body.add_geom(
@@ -247,7 +248,7 @@ def _add_regions(world: mujoco.MjsBody, scene: Scene) -> None:
         world.add_geom(
             name=item.name if item.name == GOAL_REGION else f"region {item.name}",
             type=mujoco.mjtGeom.mjGEOM_BOX,
-            pos=[*region.center, 0.0],
+            pos=[*region.center, scene.height_of_top(item.support)],
             quat=yaw_quaternion(region.yaw),
             size=[*region.half, GOAL_THICKNESS / 2],
             group=GOAL_GROUP,

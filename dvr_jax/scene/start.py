@@ -13,13 +13,15 @@ independent check tolerates twice as much."""
 
 
 def is_inside(item: SceneObject, region: Region, tolerance: float = START_TOLERANCE) -> bool:
-    """Return whether an object that stands on the region's support is on the region.
+    """Return whether an object is on a region: it stands on the region's support, and within the region.
 
     Args:
         item: The object.
         region: The region.
         tolerance: Distance by which the object may reach over the border [m].
     """
+    if item.support != region.support:
+        return False
     footprint: Footprint = item.footprint
     if region.inside == Inside.CENTER:
         footprint = Circle(item.position, 0.0)
@@ -34,6 +36,8 @@ def is_touching(item: SceneObject, region: Region, tolerance: float = START_TOLE
         region: The region.
         tolerance: Depth up to which an overlap does not count [m].
     """
+    if item.support != region.support:
+        return False
     return signed_distance(item.footprint, region.footprint) < -tolerance
 
 

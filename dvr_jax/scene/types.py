@@ -1,7 +1,8 @@
 """What a scene is: a workcell, objects on its table, fixed bodies, regions and a goal. Plain frozen records.
 
-World frame, meters, radians (see `dvr_jax.workcell`). Every object stands upright on the table's top, z = 0. The
-records check nothing; `dvr_jax.scene.validation.validate_scene` and the factory `make_scene` there do.
+World frame, meters, radians (see `dvr_jax.workcell`). The table's top is z = 0. Every object stands upright on the
+table or on the top of a fixed body. The records check nothing; `dvr_jax.scene.validation.validate_scene` and
+`make_scene` there do.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ USUAL_FRICTION = 1.0
 
 @dataclass(frozen=True, slots=True)
 class SceneObject:
-    """A movable body that stands upright on the table."""
+    """A movable body that stands upright on the table, or on the top of another body."""
 
     name: str
     """Unique in its scene, not empty."""
@@ -70,6 +71,9 @@ class SceneObject:
 
     friction: float = USUAL_FRICTION
     """Coefficient of sliding friction on the table and between the pads of a gripper."""
+
+    support: str = TABLE
+    """Name of the body on whose top it stands: the table, or a fixed body."""
 
     @property
     def kind(self) -> Shape:
@@ -94,13 +98,8 @@ class SceneObject:
         return self.kind.half_extents(self.size)
 
     @property
-    def center(self) -> tuple[float, float, float]:
-        """Center of the volume in the world [m]; the origin of the object's own frame."""
-        return (self.position[0], self.position[1], self.half_extents[2])
-
-    @property
     def footprint(self) -> Footprint:
-        """What the object covers of the table."""
+        """What the object covers of the body on which it stands."""
         return self.kind.footprint(self.size, self.position, self.yaw)
 
 
@@ -209,14 +208,35 @@ class Scene:
         regions = (changed if region.name == changed.name else region for region in self.regions)
         return replace(self, regions=tuple(regions))
 
+    def height_of_top(self, name: str) -> float:
+        """Return the height of the top of the table or of a fixed body above the table's top [m].
+
+        Raises:
+            KeyError: There is no such body.
+        """
+        if name == TABLE:
+            return 0.0
+        for body in self.fixed:
+            if body.name == name:
+                return body.top
+        raise KeyError(name)
+
+    def bottom_of(self, item: SceneObject) -> float:
+        """Return the height of the bottom of an object at the start above the table's top [m]."""
+        return self.height_of_top(item.support)
+
+    def center_of(self, item: SceneObject) -> tuple[float, float, float]:
+        """Return the center of an object's volume at the start in the world [m]; the origin of the object's frame."""
+        return (*item.position, self.bottom_of(item) + item.half_extents[2])
+
     def supports(self) -> dict[str, Support]:
         """Return everything on which objects are placed, by name: the table, and all regions."""
         table = Rectangle((0.0, 0.0), self.workcell.table.half_extents, 0.0)
         found = {TABLE: Support(table, 0.0, TABLE, Inside.FOOTPRINT)}
 
         for region in self.all_regions:
-            owner = found[region.support]
-            found[region.name] = Support(region.footprint, owner.height, owner.owner, region.inside)
+            height = self.height_of_top(region.support)
+            found[region.name] = Support(region.footprint, height, region.support, region.inside)
 
         return found
 

@@ -1,7 +1,8 @@
 """Rules of a scene, and the factory that makes valid scenes only.
 
 A scene has 1 to 8 objects and at most 16 fixed bodies with unique names, finite numbers and sensible sizes. All objects
-stand fully on the table, off the arms' bases, and nothing overlaps but fixed bodies among themselves. The rules of the
+stand fully on the table or on the top of a fixed body, off the arms' bases, and nothing overlaps but fixed bodies among
+themselves. The rules of the
 arms are in `dvr_jax.scene.workcell_rules`, those of regions and goals in `dvr_jax.scene.goal_rules`.
 
 Whether the arms at home touch anything is not decided here, as it takes a MuJoCo model:
@@ -12,7 +13,7 @@ from collections.abc import Sequence
 from itertools import combinations
 
 from dvr_jax.errors import SceneError
-from dvr_jax.geometry.footprint import inside, signed_distance
+from dvr_jax.geometry.footprint import signed_distance
 from dvr_jax.goals import Goal, OnRegion, Region
 from dvr_jax.scene.goal_rules import validate_goal, validate_regions, validate_room
 from dvr_jax.scene.rules import (
@@ -29,6 +30,7 @@ from dvr_jax.scene.rules import (
     require_numbers,
     require_unique,
 )
+from dvr_jax.scene.support_rules import require_on_top, require_support
 from dvr_jax.scene.types import (
     MAXIMUM_FIXED_BODIES,
     MAXIMUM_OBJECTS,
@@ -36,11 +38,7 @@ from dvr_jax.scene.types import (
     Scene,
     SceneObject,
 )
-from dvr_jax.scene.workcell_rules import (
-    require_off_bases,
-    table_in_words,
-    validate_workcell,
-)
+from dvr_jax.scene.workcell_rules import require_off_bases, validate_workcell
 from dvr_jax.shapes import shape_named, shape_names
 from dvr_jax.workcell.workcell import DEFAULT_WORKCELL, Workcell
 
@@ -95,11 +93,12 @@ def validate_scene(scene: Scene) -> None:
 
     _validate_names(scene)
 
-    for item in scene.objects:
-        _validate_object(item, scene.workcell)
-
+    # The heights of objects are those of the fixed bodies on which they stand.
     for body in scene.fixed:
         _validate_fixed_body(body, scene.workcell)
+
+    for item in scene.objects:
+        _validate_object(item, scene)
 
     validate_regions(scene)
     validate_goal(scene)
@@ -148,17 +147,21 @@ def _validate_body(
     require_numbers(f"the yaw of {what}", (body.yaw,), 1, YAW_RANGE, "rad")
 
 
-def _validate_object(item: SceneObject, workcell: Workcell) -> None:
+def _validate_object(item: SceneObject, scene: Scene) -> None:
     what = f"the object {item.name!r}"
     _validate_body(what, item)
     require_numbers(f"the density of {what}", (item.density,), 1, DENSITY_RANGE, "kg/m^3")
     require_numbers(f"the friction of {what}", (item.friction,), 1, FRICTION_RANGE, "")
-    if not inside(item.footprint, workcell.table.footprint, CONTACT_TOLERANCE):
-        raise SceneError(
-            f"{what} at {in_words(item.position)} reaches off the table, whose top is {table_in_words(workcell.table)}."
-        )
+    body = require_support(what, "stands", item.support, scene)
+    where = f"{what} at {in_words(item.position)}"
+    require_on_top(where, item.footprint, body, scene, CONTACT_TOLERANCE)
 
-    require_off_bases(what, item.footprint, 0.0, workcell)
+    bottom = scene.bottom_of(item)
+    if bottom + item.height > LARGEST_SIZE:
+        raise SceneError(
+            f"{what} reaches {bottom + item.height:.3g} m above the table; valid are at most {LARGEST_SIZE:g} m."
+        )
+    require_off_bases(what, item.footprint, bottom, scene.workcell)
 
 
 def _validate_fixed_body(body: FixedBody, workcell: Workcell) -> None:
@@ -179,7 +182,10 @@ def _validate_fixed_body(body: FixedBody, workcell: Workcell) -> None:
 def _validate_overlaps(scene: Scene) -> None:
     """Two upright prisms overlap where both their footprints and their intervals of height do."""
     for first, second in combinations(scene.objects, 2):
-        depth = -signed_distance(first.footprint, second.footprint)
+        depth = min(
+            _common_height(_heights(scene, first), _heights(scene, second)),
+            -signed_distance(first.footprint, second.footprint),
+        )
         if depth > CONTACT_TOLERANCE:
             raise SceneError(
                 f"the objects {first.name!r} and {second.name!r} overlap by {depth:.3g} m; move them apart."
@@ -188,7 +194,7 @@ def _validate_overlaps(scene: Scene) -> None:
     for body in scene.fixed:
         for item in scene.objects:
             depth = min(
-                item.height - body.bottom,
+                _common_height(_heights(scene, item), (body.bottom, body.top)),
                 -signed_distance(item.footprint, body.footprint),
             )
             if depth > CONTACT_TOLERANCE:
@@ -196,3 +202,14 @@ def _validate_overlaps(scene: Scene) -> None:
                     f"the object {item.name!r} and the fixed body {body.name!r} overlap by {depth:.3g} m; "
                     "move them apart."
                 )
+
+
+def _heights(scene: Scene, item: SceneObject) -> tuple[float, float]:
+    """Return the heights of the bottom and of the top of an object [m]."""
+    bottom = scene.bottom_of(item)
+    return bottom, bottom + item.height
+
+
+def _common_height(first: tuple[float, float], second: tuple[float, float]) -> float:
+    """Return the length of the part that two intervals of height share [m]; negative if they are apart."""
+    return min(first[1], second[1]) - max(first[0], second[0])

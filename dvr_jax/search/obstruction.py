@@ -24,7 +24,7 @@ def overlap_of_all_placements(
     Args:
         item: The object that is placed.
         region: The region.
-        other: An object that stands on the table.
+        other: An object that stands on the same body as the region lies on.
         is_whole: Whether the whole footprint has to lie on the region; otherwise only the center has to.
 
     Returns:
@@ -61,6 +61,6 @@ def obstructions(scene: Scene, name: str, support: str) -> dict[str, float]:
     overlaps = {
         other.name: overlap_of_all_placements(item, region.footprint, other, is_whole)
         for other in scene.objects
-        if other.name != name
+        if other.name != name and other.support == region.support
     }
     return {other: overlap for other, overlap in overlaps.items() if overlap > MARGIN}

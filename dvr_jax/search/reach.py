@@ -87,11 +87,13 @@ def missing_reach(
     item = scene.objects[switch.item]
     if switch.mode.kind == ModeKind.PLACED and switch.support is not None:
         target = nearest_point(switch.support, base_positions(scene.workcell)[switch.acting_arm])
+        height = switch.mode.bottom + item.half_extents[2]
     elif window[0] is None and len(actions) == 1:
         target = np.asarray(item.position)
+        height = scene.center_of(item)[2]
     else:
         return -math.inf
-    center = np.array([*target, item.half_extents[2]])
+    center = np.array([*target, height])
     distance = float(np.linalg.norm(center - _shoulder(scene, switch.acting_arm)))
     return distance - math.hypot(*item.half_extents) - reach_of(scene.workcell.robot)
 

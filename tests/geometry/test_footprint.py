@@ -124,3 +124,11 @@ def test_the_border_is_covered() -> None:
     assert covers(square, square)
     assert covers(Circle((0.1, 0.2), 0.05 * math.sqrt(2)), square)
     assert not covers(Circle((0.1, 0.2), 0.05 * math.sqrt(2) - 1e-6), square)
+
+
+def test_a_disc_covers_smaller_discs() -> None:
+    outer = Circle((0.1, 0.2), 0.05)
+    assert covers(outer, Circle((0.1, 0.23), 0.02)) and not covers(
+        outer, Circle((0.1, 0.23), 0.021)
+    )
+    assert covers(outer, Circle((0.1, 0.23), 0.021), 2e-3)

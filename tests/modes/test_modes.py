@@ -72,7 +72,7 @@ class World:
         kind = attached.kind[n, index]
         if kind == ModeKind.PLACED:
             return Rotation.from_euler("z", m[2]), np.array(
-                [m[0], m[1], attached.half_height[n, index]]
+                [m[0], m[1], m[3] + attached.half_height[n, index]]
             )
         if kind != ModeKind.HELD:
             x, y, z, yaw = attached.initial_pose[:, n, index]
@@ -166,5 +166,5 @@ def test_what_an_object_depends_on(world: World) -> None:
         np.testing.assert_array_equal(holders, expected)
         twists = poses.twists[:, :, n, index]
         used = np.flatnonzero(np.abs(twists).max(0) > 0)
-        expected = {ModeKind.HELD: [0, 1, 2, 3], ModeKind.PLACED: [0, 1, 2]}.get(kind, [])
+        expected = {ModeKind.HELD: [0, 1, 2, 3], ModeKind.PLACED: [0, 1, 2, 3]}.get(kind, [])
         np.testing.assert_array_equal(used, expected)

@@ -94,7 +94,7 @@ def with_region(**changed: Any) -> Callable[[], Scene]:
         (with_region(name="table"), "a region is called 'table'"),
         (with_region(name="a"), "a region is called 'a'"),
         (with_region(name="spot"), "called 'spot'; each name may occur once"),
-        (with_region(support="shelf"), "lies on 'shelf'; valid is 'table'"),
+        (with_region(support="shelf"), "lies on 'shelf'; valid are 'table'"),
         (with_region(inside="edge"), "inside: .*'edge'"),
         (with_region(position=[5.0, 0.0]), "the region 'plate' at .* reaches off the table"),
         (with_region(size=[0.04, 0.2]), "the region 'plate' of .* cannot hold 'b'"),

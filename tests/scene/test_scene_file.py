@@ -136,7 +136,7 @@ def test_properties() -> None:
     assert box.half_extents == (0.025, 0.1, 0.05)
     assert can.half_extents == (0.03, 0.03, 0.06)
     assert (box.height, can.height) == (0.1, 0.12)
-    assert can.center == (0.2, -0.1, 0.06)
+    assert scene.center_of(can) == (0.2, -0.1, 0.06)
     assert (scene.object_index("can"), scene.goal_index) == (1, 0)
     with pytest.raises(KeyError):
         scene.object_index("blue")

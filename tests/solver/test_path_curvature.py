@@ -13,7 +13,7 @@ from dvr_jax.modes.mode import PARAMETERS
 from dvr_jax.nlp.blocks import CONSTRAINT_BLOCKS, EvaluationInput, Horizon
 from dvr_jax.nlp.collision_distances import row_contacts
 from dvr_jax.nlp.collision_rows import object_pairs
-from dvr_jax.nlp.curvature import constraint_curvature, times_curvature
+from dvr_jax.nlp.curvature import CURVED_PER_PHASE, constraint_curvature, times_curvature
 from dvr_jax.nlp.evaluation import (
     FlatResiduals,
     evaluate_constraints,
@@ -186,7 +186,12 @@ def test_curvature_of_distances_from_faces_is_that_of_second_differences() -> No
     ).astype(np.int32)
     shapes = number_of_flat_rows(at.horizon)
     values = np.zeros((1, *shapes.collision))
-    values.reshape(-1)[index] = generator.uniform(0.5, 1.5, len(index))
+
+    # As many working rows as are looked at have a multiplier, in random places among the others.
+    number = CURVED_PER_PHASE * at.horizon.phases
+    assert number < len(index)
+    is_curved = generator.permutation(np.arange(len(index)) % 12 < number // 2)
+    values.reshape(-1)[index[is_curved]] = generator.uniform(0.5, 1.5, is_curved.sum())
 
     multipliers = FlatResiduals(
         values, np.zeros((1, *shapes.equality)), np.zeros((1, *shapes.inequality))

@@ -247,7 +247,7 @@ def pose_in_mode(case: Case, b: int, phase: int, n: int, hands: Hands) -> tuple[
         return Rotation.from_euler("z", yaw).as_matrix(), np.array([x, y, z])
     if kind == ModeKind.PLACED:
         return Rotation.from_euler("z", m[2]).as_matrix(), np.array(
-            [m[0], m[1], case.problems.prism[b, n, 2]]
+            [m[0], m[1], m[3] + case.problems.prism[b, n, 2]]
         )
     assert kind == ModeKind.HELD
     # In the object's frame, at yaw 0 and pitch 0, the gripper points straight down (its z) and closes along +x (its y).

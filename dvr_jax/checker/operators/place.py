@@ -1,7 +1,7 @@
 """The check of place(arm, object, support): an arm puts down what it holds.
 
-At the switch, and for as long as the object stays, it stands upright on the table's top with its whole bottom within
-the area of the support.
+At the switch, and for as long as the object stays, it stands upright at the height of the support with its whole bottom
+within the area of the support.
 """
 
 from __future__ import annotations
