@@ -29,10 +29,14 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyBboxPatch, Polygon
 
 import dvr_jax as dvr
+from dvr_jax.bench.public_problems import FAMILIES, read_public_scenes
 from dvr_jax.checker.tolerances import DEEPEST_CONTACT, DEEPEST_GRIP
 from dvr_jax.drawing.animation import save_animation
+from dvr_jax.drawing.picture import render_states
 from dvr_jax.model.images import depth_images
 from dvr_jax.scene.camera import render_depth
+from dvr_jax.scene.layout import home_qpos
+from dvr_jax.scene.mjcf import build_model
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 FIGURES = REPOSITORY / "docs" / "figures"
@@ -391,6 +395,22 @@ def make_plan() -> None:
     )
 
 
+def make_public() -> None:
+    """Draw one scene of each family of public problems; of some, one with several objects."""
+    columns = 3
+    rows = -(-len(FAMILIES) // columns)
+    figure, axes = plt.subplots(rows, columns, figsize=(12, 2.7 * rows), layout="constrained")
+    for axis in axes.flat:
+        axis.axis("off")
+    for axis, family in zip(axes.flat, FAMILIES, strict=False):
+        scenes = [scene for _, scene in read_public_scenes([family.name])]
+        scene = max(scenes[:10], key=lambda scene: len(scene.objects))
+        (picture,) = render_states(build_model(scene), home_qpos(scene)[None], 640, 400)
+        axis.imshow(picture[20:340])
+        axis.set_title(family.name)
+    save(figure, "public")
+
+
 MAKERS: dict[str, Callable[[], None]] = {
     "scene": make_scene,
     "skeleton": make_skeleton,
@@ -400,6 +420,7 @@ MAKERS: dict[str, Callable[[], None]] = {
     "search": make_search,
     "network": make_network,
     "plan": make_plan,
+    "public": make_public,
 }
 
 

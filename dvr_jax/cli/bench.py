@@ -35,6 +35,10 @@ BENCHMARKS: dict[str, Benchmark] = {
         "execute",
         "plan sampled scenes and execute the plans in physics: successes, causes of failure",
     ),
+    "public": Benchmark("public", "scenes of public benchmarks: solved, seconds, actions, physics"),
+    "chains": Benchmark(
+        "chains", "random goals in succession, each from the scene that the last plan leaves"
+    ),
     "motions": Benchmark(
         "motions",
         "plan sampled scenes and measure the motions: durations, limits, clearances of meshes",

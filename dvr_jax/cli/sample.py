@@ -32,6 +32,8 @@ class SampleOptions:
     """Arms and table: facing (the paper's), facing-1.0, facing-1.6, side-by-side or single."""
     goals: int = 1
     """Number of objects that shall stand on the target; with more than one, all hands shall be empty too."""
+    raised: bool = False
+    """Whether the target is the top of a bench of random height; all hands shall be empty then, too."""
     fixed: tuple[int, int] = (0, 0)
     """Least and largest number of fixed bodies in each scene."""
 
@@ -64,7 +66,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     scenes = []
     with Progress("drawing", options.number, "scenes") as progress:
         for scene in sample_scenes(
-            options.number, options.objects, options.seed, distribution, workcell, options.goals
+            options.number,
+            options.objects,
+            options.seed,
+            distribution,
+            workcell,
+            options.goals,
+            options.raised,
         ):
             scenes.append(scene)
             progress.advance()

@@ -24,7 +24,7 @@ from dvr_jax.execution.commands import GripInterval
 from dvr_jax.execution.report import Deviation, DeviationCause
 from dvr_jax.motion.motion import Motion
 from dvr_jax.scene.layout import Layout
-from dvr_jax.scene.mjcf import object_body_name
+from dvr_jax.scene.mjcf import fixed_body_name, object_body_name
 from dvr_jax.scene.types import Scene
 
 LARGEST_DISPLACEMENT = 0.01
@@ -213,13 +213,22 @@ def _closes_on(executed: ExecutedMotion, after: AttachmentInterval | None, recor
 def _touching(
     model: mujoco.MjModel, executed: ExecutedMotion, index: int, record: int
 ) -> tuple[str, ...]:
-    """Return the names of the bodies other than the table that touched an object shortly before a record."""
+    """Return the names of the bodies that touched an object shortly before a record.
+
+    The table is left out, and so are the fixed bodies on which objects may stand.
+    """
     body = model.body(object_body_name(executed.scene.objects[index].name)).id
-    table = model.body("table").id
+    scene = executed.scene
+    owners = {place.owner for place in scene.supports().values()}
+    owners |= {item.support for item in scene.objects}
+    tops = {
+        model.body(fixed_body_name(item.name)).id for item in scene.fixed if item.name in owners
+    }
+    tops.add(model.body("table").id)
     earlier = math.ceil(TOUCH_TIME / executed.motion.step)
     touches = frozenset[tuple[int, int]]().union(
         *executed.touches[max(record - earlier, 0) : record + 1]
     )
 
-    others = {other for pair in touches if body in pair for other in pair} - {body, table}
+    others = {other for pair in touches if body in pair for other in pair} - {body} - tops
     return tuple(sorted(unquote(model.body(other).name) for other in others))

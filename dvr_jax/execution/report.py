@@ -48,7 +48,7 @@ class Deviation:
     """Why."""
 
     touched_by: tuple[str, ...]
-    """Bodies other than the table that touched the object at this moment or shortly before it."""
+    """Bodies that touched it at this moment or shortly before, other than those on which objects may stand."""
 
     def sentence(self) -> str:
         """Return the deviation in words."""

@@ -20,6 +20,7 @@ def sample_scenes(
     distribution: SceneDistribution = DEFAULT_DISTRIBUTION,
     workcell: Workcell = DEFAULT_WORKCELL,
     goals: int = 1,
+    raised: bool = False,
 ) -> Iterator[Scene]:
     """Draw random valid scenes, one after the other.
 
@@ -31,6 +32,7 @@ def sample_scenes(
         workcell: Arms and table of all scenes, for instance `WORKCELLS["single"]`.
         goals: Number of objects that shall stand on the region. With 1, the goal is the paper's; with more, all hands
             shall be empty too.
+        raised: Whether the region lies on a bench of random height. Then all hands shall be empty in any case.
 
     Returns:
         An iterator over the scenes.
@@ -56,9 +58,11 @@ def sample_scenes(
         raise OptionError(f"goals is {goals}; valid is 1 to the number of objects, {objects}.")
 
     scenes = sampling.sample_scenes(number, objects, seed, distribution, workcell)
-    if goals == 1:
+    if goals == 1 and not raised:
         return scenes
-    return (scene_with_goals(scene, goals, (seed, index)) for index, scene in enumerate(scenes))
+    return (
+        scene_with_goals(scene, goals, (seed, index), raised) for index, scene in enumerate(scenes)
+    )
 
 
 def _whole_number(name: str, value: object) -> int:

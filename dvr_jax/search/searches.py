@@ -23,6 +23,7 @@ from dvr_jax.search.front import Guide, PrefixFront
 from dvr_jax.search.goal_guide import GoalGuide
 from dvr_jax.search.node import Node
 from dvr_jax.search.node_solver import OutOfTime
+from dvr_jax.search.one_fact import OneFactNetwork, only_fact
 from dvr_jax.search.predictor import Encoding, Images, SequencePredictor
 from dvr_jax.search.reasoning import feasibility_classifier, visual_reasoning
 from dvr_jax.search.session import Accept, LongerSearch, Outcome, Progress, SearchSession
@@ -302,7 +303,8 @@ def steps_of(
     Raises:
         DvrError: There is no search of this name, or it needs a network.
     """
-    several = has_several_facts(session.tree.scene)
+    tree = session.tree
+    several = has_several_facts(tree.scene)
     if name in BLIND:
         return best_first(session) if several and name != "bfs" else BLIND[name](session)
     if name not in GUIDED:
@@ -312,10 +314,12 @@ def steps_of(
             f"the search '{name}' needs a network; valid without one: {', '.join(BLIND)}."
         )
     if several:
-        return best_first(session, GoalGuide(session.tree, network))
-    return GUIDED[name](session, network)
+        return best_first(session, GoalGuide(tree, network))
+    if isinstance(tree.scene.goal, OnRegion):
+        return GUIDED[name](session, network)
+    return GUIDED[name](session, OneFactNetwork(network, tree.operators))
 
 
 def has_several_facts(scene: Scene) -> bool:
-    """Return whether the goal of a scene is another one than the paper's."""
-    return not isinstance(scene.goal, OnRegion)
+    """Return whether the goal of a scene, or the way to it, is longer than those of the paper's scenes."""
+    return not isinstance(scene.goal, OnRegion) and only_fact(scene) is None
