@@ -37,7 +37,7 @@ def joint_curve(
     home: Float[np.ndarray, " joints"],
     q: Float[np.ndarray, "slices joints"],
     straight: Bool[np.ndarray, "slices arms"] | None = None,
-    limits: Float[np.ndarray, "2 joints"] | None = None,
+    limits: Float[np.ndarray, "2 joints_of_arm"] | None = None,
 ) -> PPoly:
     """Interpolate the joint angles of a path over its slices.
 
@@ -117,7 +117,7 @@ def _keep_within(
     slope: Float[np.ndarray, "knots joints"],
     bend: Float[np.ndarray, "knots joints"],
     ends: Sequence[tuple[int, slice]],
-    limits: Float[np.ndarray, "2 joints"],
+    limits: Float[np.ndarray, "2 joints_of_arm"],
 ) -> None:
     """Reduce the slopes of arms at ends of straight intervals until their joints stay within their range, in place.
 
