@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from dvr_jax.errors import SceneError
+from dvr_jax.geometry.footprint import signed_distance
 from dvr_jax.goals import Goal, GoalFact, HandsEmpty, On
 from dvr_jax.scene.mjcf import require_free_home
 from dvr_jax.scene.start import goal_holds_at_start
@@ -79,6 +80,9 @@ def scene_with_goals(
         made = replace(scene, goal=Goal(facts), regions=(region,))
         if raised:
             made = _on_bench(made, region, height)
+            bench = made.fixed[-1].footprint
+            if any(signed_distance(bench, body.footprint) < 0 for body in scene.fixed):
+                continue
         try:
             validate_scene(made)
             if raised:

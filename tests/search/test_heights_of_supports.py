@@ -1,4 +1,4 @@
-"""Raised supports in the NLP: heights of placements, clearances from the bodies on which objects stand, proposals."""
+"""Raised supports in the planner: heights of placements, clearances from what objects stand on, proposals, reach."""
 
 import jax
 import numpy as np
