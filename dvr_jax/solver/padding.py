@@ -78,6 +78,8 @@ def _with_idle_phase(problem: Problem) -> Problem:
         support=_zero_before(problem.support),
         inner_prism=_zero_before(problem.inner_prism),
         kept_clear=_zero_before(problem.kept_clear),
+        top_object=_zero_before(problem.top_object),
+        top_half=_zero_before(problem.top_half),
         phase_clearance=_repeated(problem.phase_clearance),
         clearance=_before(np.full(problem.clearance.shape[1:], NO_CLEARANCE), problem.clearance),
         sample_fraction=_repeated(problem.sample_fraction),

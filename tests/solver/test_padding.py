@@ -1,5 +1,7 @@
 """A phase that is added to a keyframe NLP changes neither its violations nor what its solutions are solutions of."""
 
+import re
+
 import jax
 import numpy as np
 import pytest
@@ -35,6 +37,18 @@ def test_even_numbers_of_phases_stay() -> None:
     problem = transcribe(SCENE, SKELETONS[0][:2])
     start = random_keyframes(problem, np.random.default_rng(0))
     assert pad_keyframes(problem, start) == (problem, start)
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_every_array_of_phases_or_slices_has_one_more_row(name: str) -> None:
+    problem = PROBLEMS[name]
+    padded, _ = pad_keyframes(problem, random_keyframes(problem, np.random.default_rng(0)))
+    for field, annotation in Problem.__annotations__.items():
+        added = int(bool(re.search(r"\*batch (phases|slices)", str(annotation))))
+        before = np.shape(getattr(problem, field))
+        after = np.shape(getattr(padded, field))
+        assert after[1:] == before[1:], field
+        assert after[:1] == tuple(size + added for size in before[:1]), field
 
 
 @pytest.mark.parametrize("name", PROBLEMS)
