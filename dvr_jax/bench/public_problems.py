@@ -9,6 +9,7 @@ The benchmark plans the frozen scenes of `PUBLIC_SCENES`, which `draw_all` drew.
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
@@ -295,6 +296,23 @@ def _draw_shelf(generator: np.random.Generator, index: int) -> Scene:
     )
 
 
+def _draw_tower(generator: np.random.Generator, index: int) -> Scene:
+    """Three cubes of 4, 5 and 4 cm on a square of 40 x 40 cm, turned at random: the small ones go onto the large one.
+
+    The middle of the square is 55 cm in front of the left arm.
+    """
+    middle = (-0.2, 0.0)
+    low = (middle[0] - 0.2, middle[1] - 0.2)
+    high = (middle[0] + 0.2, middle[1] + 0.2)
+    objects = []
+    for name, side in (("top", 0.04), ("bottom", 0.05), ("center", 0.04)):
+        yaw = round(float(generator.uniform(-math.pi, math.pi)), 4)
+        position = _uniform(generator, low, high)
+        objects.append(SceneObject(name, "box", (side, side, side), position, yaw))
+    goal = Goal((On("center", "bottom"), On("top", "center"), HandsEmpty()))
+    return make_scene(objects, goal)
+
+
 FAMILIES: tuple[Family, ...] = (
     Family(
         "transfer",
@@ -330,6 +348,13 @@ FAMILIES: tuple[Family, ...] = (
         "KinDER, Shelf3D (MIT)",
         20,
         _draw_shelf,
+    ),
+    Family(
+        "tower",
+        "three cubes onto each other",
+        "MimicGen, StackThree_D1 (NVIDIA Source Code License)",
+        20,
+        _draw_tower,
     ),
 )
 """The families, in the order of the file."""

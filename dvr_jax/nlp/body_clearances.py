@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from enum import IntEnum
+from functools import lru_cache
 from itertools import combinations, product
 
 import numpy as np
@@ -136,8 +137,9 @@ def _grip_clearance(scene: Scene, item: int, closing_yaw: float) -> float:
     return float(np.clip(room, -robot.pad_overhang, scene.workcell.clearances.hand_to_object))
 
 
+@lru_cache(maxsize=64)
 def _pair_clearances(scene: Scene) -> Float[np.ndarray, " pairs"]:
-    """Return the clearances of two objects, and of an object and a fixed body [m]."""
+    """Return the clearances of two objects, and of an object and a fixed body [m]; they are kept and shared."""
     pairs: list[tuple[SceneObject, SceneObject | FixedBody]] = [
         *combinations(scene.objects, 2),
         *product(scene.objects, scene.fixed),
@@ -149,7 +151,9 @@ def _pair_clearances(scene: Scene) -> Float[np.ndarray, " pairs"]:
         stands_on_it = TABLE != item.support == other.name or _stands_on(other, item)
         distance = wanted if stands_on_it else _distance(scene, item, other)
         found.append(np.clip(distance, 0, wanted))
-    return np.array(found)
+    clearances = np.array(found)
+    clearances.flags.writeable = False
+    return clearances
 
 
 def _stands_on(body: SceneObject | FixedBody, item: SceneObject) -> bool:

@@ -41,7 +41,7 @@ from dvr_jax.operators.proposal import (
 from dvr_jax.operators.tops import height_of_top, refute_top, top_of
 from dvr_jax.runtime.compilation import Program
 from dvr_jax.scene.start import cleared_regions
-from dvr_jax.scene.types import Scene
+from dvr_jax.scene.types import Scene, SceneObject, Support
 from dvr_jax.workcell.clearances import EDGE_MARGIN
 
 PLACING_ROOM = 3e-4
@@ -63,7 +63,7 @@ SIBLING_PENALTY = 0.003
 """Penalty on the violation of a placement for each better sibling in the beam [m]."""
 
 
-def _clear_rectangle(scene: Scene, name: str, support: str) -> Rectangle:
+def _clear_rectangle(scene: Scene, item: SceneObject, support: str, place: Support) -> Rectangle:
     """Return the part of a support in which the footprint of an object stays, or its center.
 
     It keeps the clearance from the edges of a region. Where the footprint, with sides parallel to those of the region,
@@ -71,11 +71,11 @@ def _clear_rectangle(scene: Scene, name: str, support: str) -> Rectangle:
     position. Without any room left, the only feasible position would be an isolated point, at which the constraints
     have no finite multipliers.
     """
-    rectangle = scene.supports()[support].area
+    rectangle = place.area
     if support == TABLE:
         return rectangle
 
-    hx, hy, _, radius = _inner_prism(scene, name, support)
+    hx, hy, _, radius = _inner_prism(item, place)
     width, depth = rectangle.half
     room = max(
         min(width - hx - radius, depth - hy - radius),
@@ -89,28 +89,23 @@ def _clear_rectangle(scene: Scene, name: str, support: str) -> Rectangle:
     return Rectangle(rectangle.center, (width - edge, depth - edge), rectangle.yaw)
 
 
-def _inner_prism(scene: Scene, name: str, support: str) -> tuple[float, float, float, float]:
+def _inner_prism(item: SceneObject, place: Support) -> tuple[float, float, float, float]:
     """Return the prism of an object whose outline has to lie within a support; a point where only its center has to."""
-    item = scene.objects[scene.object_index(name)]
     hx, hy, hz, radius = item.kind.prism(item.size)
-    if scene.supports()[support].inside == Inside.CENTER:
+    if place.inside == Inside.CENTER:
         return 0.0, 0.0, hz, 0.0
     return hx, hy, hz, radius
 
 
-def _kept_clear(scene: Scene, support: str) -> tuple[Rectangle, ...]:
+def _kept_clear(scene: Scene, support: str, place: Support) -> tuple[Rectangle, ...]:
     """Return the regions that a place keeps off, because the goal wants them to be clear.
 
     They are enlarged by the clearance that objects on a region keep from its edge. Regions on other bodies do not
     matter, because they lie higher or lower.
     """
     edge = scene.workcell.clearances.region_edge
-    supports = scene.supports()
-    areas = [
-        scene.region(name).footprint
-        for name in cleared_regions(scene)
-        if name != support and supports[name].owner == supports[support].owner
-    ]
+    regions = [scene.region(name) for name in cleared_regions(scene) if name != support]
+    areas = [region.footprint for region in regions if region.support == place.owner]
     return tuple(
         Rectangle(area.center, (area.half[0] + edge, area.half[1] + edge), area.yaw)
         for area in areas
@@ -167,11 +162,12 @@ def _switch(state: SkeletonState, action: Action) -> ModeSwitch:
     )
     if place is None:
         return replace(switch, top=top_of(state.scene, support))
+    item = state.scene.objects[switch.item]
     return replace(
         switch,
-        support=_clear_rectangle(state.scene, name, support),
-        inner_prism=_inner_prism(state.scene, name, support),
-        kept_clear=_kept_clear(state.scene, support),
+        support=_clear_rectangle(state.scene, item, support, place),
+        inner_prism=_inner_prism(item, place),
+        kept_clear=_kept_clear(state.scene, support, place),
     )
 
 

@@ -5,10 +5,14 @@ would press it into the table or into the fingers. The arm that acts at a switch
 that both modes of the object demand. With the position p and rotation R of the hand, those that are demanded
 (p*, R*), and the Jacobian J of the hand, Newton's method takes the shortest steps
 
-    dq = J^+ (p* - p, log(R* R^T)).
+    dq = J^+ (p* - p, log(R* R^T)),
+
+in which joints that would leave their range stop at its end, and the others make up for them.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -35,7 +39,8 @@ def exact_switches(
 ) -> Float[np.ndarray, "slices joints"]:
     """Return a path whose arms are exactly where objects have one pose at each mode switch.
 
-    Joints stay within their limits, so that a small part of a jump remains where an arm is at a limit.
+    Joints stay within their limits, so that a small part of a jump remains where an arm is at a limit. An arm that is
+    stretched out may be unable to come nearer; then it stays where the path has it.
 
     Args:
         scene: Scene of the path.
@@ -60,13 +65,88 @@ def exact_switches(
         rotation, position = _demanded_pose(scene, problem, m, k, qpos)
 
         data.qpos[:] = qpos[0]
-        site = model.site(f"{scene.workcell.arm_names[arm]}/gripper").id
-        velocities = _velocity_columns(model, columns)
-        for _ in range(NEWTON_STEPS):
-            step = _newton_step(model, data, site, rotation, position)[velocities]
-            data.qpos[columns] = np.clip(data.qpos[columns] + step, low, high)
+        hand = _Hand(
+            model,
+            data,
+            site=model.site(f"{scene.workcell.arm_names[arm]}/gripper").id,
+            columns=columns,
+            velocities=_velocity_columns(model, columns),
+        )
+        data.qpos[columns] = _nearest_posture(hand, rotation, position, low, high)
         exact[slice_index] = data.qpos[layout.arm_joints.reshape(-1)]
     return exact
+
+
+@dataclass(frozen=True)
+class _Hand:
+    """The hand of one arm in a model, with a state of the whole scene."""
+
+    model: mujoco.MjModel
+    """Model of the scene."""
+
+    data: mujoco.MjData
+    """State of the scene; the joints of the arm are changed in it."""
+
+    site: int
+    """Number of the site that is the hand."""
+
+    columns: Int[np.ndarray, " joints"]
+    """Where the angles of the arm's joints are in the state."""
+
+    velocities: Int[np.ndarray, " joints"]
+    """Where their velocities are among MuJoCo's velocities."""
+
+    def error(
+        self, rotation: Rotation, position: Float[np.ndarray, " 3"]
+    ) -> Float[np.ndarray, " 6"]:
+        """Return the translation [m] and the rotation vector [rad] that bring the hand to a pose.
+
+        Args:
+            rotation: Rotation of the pose.
+            position: Its position [m].
+        """
+        mujoco.mj_kinematics(self.model, self.data)
+        present = Rotation.from_matrix(self.data.site_xmat[self.site].reshape(3, 3))
+        turn = (rotation * present.inv()).as_rotvec()
+        return np.concatenate([position - self.data.site_xpos[self.site], turn])
+
+    def jacobian(self) -> Float[np.ndarray, "6 joints"]:
+        """Return the derivatives of the hand's translation and rotation by the angles of the arm's joints."""
+        mujoco.mj_comPos(self.model, self.data)
+        by_position = np.zeros((3, self.model.nv))
+        by_rotation = np.zeros((3, self.model.nv))
+        mujoco.mj_jacSite(self.model, self.data, by_position, by_rotation, self.site)
+        return np.concatenate([by_position, by_rotation])[:, self.velocities]
+
+
+def _nearest_posture(
+    hand: _Hand,
+    rotation: Rotation,
+    position: Float[np.ndarray, " 3"],
+    low: Float[np.ndarray, " joints"],
+    high: Float[np.ndarray, " joints"],
+) -> Float[np.ndarray, " joints"]:
+    """Return the joint angles on the way of Newton's method at which a hand is nearest to a pose [rad].
+
+    Args:
+        hand: The hand.
+        rotation: Rotation of the pose.
+        position: Its position [m].
+        low: Least joint angles [rad].
+        high: Largest joint angles [rad].
+    """
+    angles = np.clip(hand.data.qpos[hand.columns], low, high)
+    postures = []
+    distances = []
+    for _ in range(NEWTON_STEPS + 1):
+        hand.data.qpos[hand.columns] = angles
+        error = hand.error(rotation, position)
+        postures.append(angles)
+        distances.append(float(np.linalg.norm(error)))
+        angles = angles + _step_within(hand.jacobian(), error, low - angles, high - angles)
+
+    # Where the arm is stretched out, the steps are long and lead nowhere.
+    return postures[int(np.argmin(distances))]
 
 
 def _demanded_pose(
@@ -100,24 +180,33 @@ def _demanded_pose(
     )
 
 
-def _newton_step(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    site: int,
-    rotation: Rotation,
-    position: Float[np.ndarray, " 3"],
-) -> Float[np.ndarray, " velocities"]:
-    """Return the shortest change of all joints that moves a site to a pose, to first order [rad or m]."""
-    mujoco.mj_kinematics(model, data)
-    mujoco.mj_comPos(model, data)
-    by_position = np.zeros((3, model.nv))
-    by_rotation = np.zeros((3, model.nv))
-    mujoco.mj_jacSite(model, data, by_position, by_rotation, site)
+def _step_within(
+    jacobian: Float[np.ndarray, "6 joints"],
+    error: Float[np.ndarray, " 6"],
+    least: Float[np.ndarray, " joints"],
+    largest: Float[np.ndarray, " joints"],
+) -> Float[np.ndarray, " joints"]:
+    """Return the shortest change of joint angles that removes an error to first order, within bounds [rad].
 
-    present = Rotation.from_matrix(data.site_xmat[site].reshape(3, 3))
-    turn = (rotation * present.inv()).as_rotvec()
-    error = np.concatenate([position - data.site_xpos[site], turn])
-    return np.linalg.pinv(np.concatenate([by_position, by_rotation])) @ error
+    Args:
+        jacobian: Derivatives of the pose by the joint angles.
+        error: What is missing to the pose [m and rad].
+        least: Least change of each angle, at most 0 [rad].
+        largest: Largest change of each angle, at least 0 [rad].
+    """
+    step = np.zeros(len(least))
+    free = np.ones(len(least), bool)
+    while free.any():
+        rest = error - jacobian[:, ~free] @ step[~free]
+        step[free] = np.linalg.pinv(jacobian[:, free]) @ rest
+        leaves = free & ((step < least) | (step > largest))
+        if not leaves.any():
+            break
+
+        # These joints stop at the ends of their ranges.
+        step[leaves] = np.clip(step, least, largest)[leaves]
+        free &= ~leaves
+    return step
 
 
 def _velocity_columns(

@@ -86,7 +86,8 @@ def interpolate(
     home = np.asarray(problem.home)
     opening = np.asarray(problem.finger_opening)
     q = _at_rest(problem, exact_switches(scene, problem, q, m))
-    curve = joint_curve(home, q, straight_intervals(problem, len(q)))
+    limits = scene.workcell.robot.joint_limits
+    curve = joint_curve(home, q, straight_intervals(problem, len(q)), limits)
 
     parts = [_Part(home[None], opening[:1], np.zeros(1, int))]
     for k in range(K):

@@ -128,7 +128,7 @@ def scene_of_fact(scene: Scene, fact: On) -> Scene:
         scene: A scene with a goal of several facts.
         fact: One of them.
     """
-    region = replace(scene.region(fact.support), name=GOAL_REGION, support=TABLE)
+    region = replace(scene.region(fact.support), name=GOAL_REGION)
     return replace(scene, goal=OnRegion(fact.object, region), regions=())
 
 

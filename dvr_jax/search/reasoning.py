@@ -12,9 +12,12 @@ Three things differ from the paper. If the network's first prediction is right, 
   threshold before the next try, and judges their keyframes in one batch; their paths are tried in the order of the
   predictions. A batch is many times cheaper than its members one after the other.
 - After the first failure the relaxation of the scene is computed (`dvr_jax.search.relaxation`). The search ends if it
-  shows that there is no solution, and skips all prefixes that cannot lead to one.
+  shows that there is no solution, and skips all prefixes that cannot lead to one. If the first leaf had feasible
+  keyframes and only its path failed, there mostly is a solution that differs little. Then the next leaves come before
+  the relaxation, which is expensive where the motions of windows have to be judged.
 - After each failure, a best-first search by the relaxation's bound goes on for a number of prefixes
-  (`dvr_jax.search.front`). It finds solutions that are longer than those that the network was trained on.
+  (`dvr_jax.search.front`). It finds solutions that are longer than those that the network was trained on. It also gets
+  its turn whenever the network has expanded many prefixes without proposing a leaf.
 """
 
 from __future__ import annotations
@@ -49,6 +52,12 @@ LARGEST_BATCH = 64
 EXPANSIONS = 4
 """After each failure at least this number times the lower bound on the number of actions is the number of prefixes that
 the best-first search expands. It gets to a leaf in as many expansions as the bound if it never has to turn back."""
+
+FIRST_EXPANSIONS = 2
+"""The same after the first failure, because the network's next leaves are more likely to be right than later ones."""
+
+PATIENCE = 100
+"""Number of prefixes that the network expands without proposing a leaf before the best-first search has a turn."""
 
 
 @dataclass(slots=True, eq=False)
@@ -169,9 +178,17 @@ def _guided(
     leaves = _ByProbability()
     threshold = THRESHOLD
     width = 1
+    failures = 0
+    expanded = 0
     while to_expand or leaves:
         tree.solver.look_at_the_clock()
+        if expanded == PATIENCE:
+            expanded = 0
+            outcome = yield from _advance(session, front, 0, EXPANSIONS)
+            if outcome is not None:
+                return outcome
         if to_expand:
+            expanded += 1
             for child in _expand(session, network, encoding, to_expand.pop(threshold)):
                 (leaves if child.node.reaches_goal else to_expand).push(child)
 
@@ -181,11 +198,18 @@ def _guided(
             if not batch:
                 threshold *= DISCOUNT
                 break
+            tried_paths = tree.counts.verdicts["path"]
             outcome = yield from _try(session, [leaf.node for leaf in batch])
             if outcome is not None:
                 return outcome
+            failures += 1
+            expanded = 0
             width = min(GROWTH * width, LARGEST_BATCH)
-            outcome = yield from _advance(session, front, width)
+            is_first = failures == 1
+            if is_first and tree.counts.verdicts["path"] > tried_paths:
+                continue
+            factor = FIRST_EXPANSIONS if is_first else EXPANSIONS
+            outcome = yield from _advance(session, front, 0 if is_first else width, factor)
             if outcome is not None:
                 return outcome
 
@@ -194,13 +218,16 @@ def _guided(
     return Outcome(PlanStatus.EXHAUSTED, seconds=session.seconds)
 
 
-def _advance(session: SearchSession, front: PrefixFront, width: int) -> Steps[Outcome | None]:
+def _advance(
+    session: SearchSession, front: PrefixFront, least: int, factor: int
+) -> Steps[Outcome | None]:
     """Go on by the relaxation after the network's leaves have failed.
 
     Args:
         session: The search in progress.
         front: The best-first search beside the network's.
-        width: Number of leaves that the network proposes next.
+        least: Least number of prefixes that the best-first search expands.
+        factor: The same as a multiple of the lower bound on the number of actions.
 
     Returns:
         How the search ends; None if it goes on.
@@ -209,7 +236,7 @@ def _advance(session: SearchSession, front: PrefixFront, width: int) -> Steps[Ou
         return Outcome(PlanStatus.EXHAUSTED, seconds=session.seconds)
     if not session.tree.is_relaxed:
         return None
-    expansions = max(width, EXPANSIONS * session.tree.relaxation.lower_bound)
+    expansions = max(least, factor * session.tree.relaxation.lower_bound)
     return (yield from session.try_leaves((yield from front.advance(expansions))))
 
 

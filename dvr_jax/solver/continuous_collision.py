@@ -147,8 +147,9 @@ def sample_penetration(model: WorkcellModel, problems: Problem, x: Variables) ->
     even = np.arange(1, SAMPLES_PER_SLICE) / SAMPLES_PER_SLICE
     home = np.asarray(problems.home)
     q = np.asarray(x.q)
+    limits = np.asarray(model.joint_limits)
     curves = [
-        joint_curve(home[lane], q[lane], straight_intervals(_lane_of(problems, lane), T))
+        joint_curve(home[lane], q[lane], straight_intervals(_lane_of(problems, lane), T), limits)
         for lane in range(B)
     ]
 

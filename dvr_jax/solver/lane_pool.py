@@ -32,6 +32,7 @@ from dvr_jax.solver.continuous_collision import (
     sample_penetration,
 )
 from dvr_jax.solver.iteration import lay_out_chunks, measure_chunk
+from dvr_jax.solver.padding import missing_phases, pad_keyframes
 from dvr_jax.solver.sequential import LaneState, SequentialSettings
 from dvr_jax.solver.state import Settings, SolverState, SolverStatus
 from dvr_jax.workcell.model import WorkcellModel
@@ -164,10 +165,15 @@ class LanePool:
             tasks: NLPs of one shape with their starts.
             settings: Settings of the method.
         """
+        is_path = len(tasks[0].start.q) > len(tasks[0].start.m)
+        self._added_phases = 0
+        if not is_path:
+            # Few sizes of keyframe NLPs are compiled.
+            self._added_phases = missing_phases(len(tasks[0].start.m))
+            tasks = [NlpTask(*pad_keyframes(*task)) for task in tasks]
+
         # The pool has as many lanes as give one call of the compiled programs enough slices.
-        T = len(tasks[0].start.q)
         K = len(tasks[0].start.m)
-        is_path = T > K
         number = batch_sizes().path_lanes if is_path else max(batch_sizes().chunk // K, 1)
         self._tasks = tasks
         self._checks_motion = is_path and tasks[0].problem.sample_fraction.shape[1] > 1
@@ -304,7 +310,9 @@ class LanePool:
         for index in ended:
             lane = self._lanes[index]
             assert lane.task is not None
-            self._solutions[lane.task] = _solution(final, index, lane.earlier_iterations)
+            self._solutions[lane.task] = _solution(
+                final, index, lane.earlier_iterations, self._added_phases
+            )
             self._lanes[index] = _LaneRecord(self._waiting.pop() if self._waiting else None)
 
     def _refill(self, lanes: list[int]) -> None:
@@ -351,16 +359,25 @@ def _assign(target: Any, lanes: list[int], values: Any) -> None:
         leaf[lanes] = value
 
 
-def _solution(states: AnyState, index: int, earlier_iterations: int) -> NlpSolution:
-    """Return the solution of the NLP that a lane has solved."""
+def _solution(
+    states: AnyState, index: int, earlier_iterations: int, added_phases: int
+) -> NlpSolution:
+    """Return the solution of the NLP that a lane has solved.
+
+    Args:
+        states: States of all lanes.
+        index: Index of the lane.
+        earlier_iterations: Number of iterations before the samples were moved for the last time.
+        added_phases: Number of phases that were put before those of the NLP.
+    """
     violations = {name: value[index] for name, value in states.report.items()}
     residual = states.kkt_residual[index] if isinstance(states, LaneState) else math.inf
     return NlpSolution(
         feasible=bool(states.status[index] in FOUND),
         relative_violation=float(relative_violation(violations)),
         violations={name: float(value) for name, value in violations.items()},
-        q=np.array(states.x.q[index]),
-        m=np.array(states.x.m[index]),
+        q=np.array(states.x.q[index][added_phases:]),
+        m=np.array(states.x.m[index][added_phases:]),
         kkt_residual=float(residual),
         iterations=earlier_iterations + int(states.iterations[index]),
         status=SolverStatus(int(states.status[index])),

@@ -39,3 +39,35 @@ def test_follows_fritsch_and_butland() -> None:
     """The slope at an inner slice is the harmonic mean of the slopes beside it, or zero at an extremum."""
     curve = joint_curve(np.zeros(1), np.array([[1.0], [4.0], [3.0]]))
     np.testing.assert_allclose(curve([1.0, 2.0], 1)[:, 0], [2 * 1 * 3 / (1 + 3), 0.0], atol=1e-12)
+
+
+def _turning_joint() -> tuple[np.ndarray, np.ndarray]:
+    """Return slices of two joints and where they move straight: the second one turns around at 1 rad, its limit."""
+    q = np.array([[0.0, 0.4], [0.5, 1.0], [1.1, 0.7], [1.1, 0.7]])
+    straight = np.array([[False], [False], [True], [False]])
+    return q, straight
+
+
+def test_a_joint_that_turns_around_before_a_straight_interval_stays_within_its_range() -> None:
+    q, straight = _turning_joint()
+    limits = np.array([[-3.0, -3.0], [3.0, 1.0]])
+    times = np.linspace(0.0, 4.0, 801)
+    free = joint_curve(np.zeros(2), q, straight)(times)
+    assert free[:, 1].max() > 1.005
+
+    curve = joint_curve(np.zeros(2), q, straight, limits)
+    assert curve(times)[:, 1].max() <= 1.0 + 1e-3
+    # The arm still moves straight, and the second derivative is continuous.
+    inside = curve(np.linspace(2.0, 3.0, 21)) - q[1]
+    np.testing.assert_allclose(inside[:, 0] * -0.3, inside[:, 1] * 0.6, atol=1e-12)
+    np.testing.assert_allclose(
+        curve(np.arange(1.0, 4.0) - 1e-9, 2), curve(np.arange(1.0, 4.0), 2), atol=1e-6
+    )
+
+
+def test_wide_limits_change_nothing() -> None:
+    q, straight = _turning_joint()
+    limits = np.array([[-3.0, -3.0], [3.0, 3.0]])
+    times = np.linspace(0.0, 4.0, 81)
+    expected = joint_curve(np.zeros(2), q, straight)(times)
+    np.testing.assert_array_equal(joint_curve(np.zeros(2), q, straight, limits)(times), expected)

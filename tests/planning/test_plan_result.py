@@ -16,12 +16,13 @@ import pytest
 from dvr_jax.checker import CheckReport
 from dvr_jax.errors import DataError, DvrError, MotionError
 from dvr_jax.geometry.footprint import signed_distance
+from dvr_jax.goals import Goal, Inside, On
 from dvr_jax.logic import Action
 from dvr_jax.motion import load_motion, make_motion, save_motion
 from dvr_jax.planning.path_quality import PathQuality
 from dvr_jax.planning.result import Plan
 from dvr_jax.scene.mjcf import home_qpos, qpos_layout
-from dvr_jax.scene.types import OnRegion, Region, Scene, SceneObject
+from dvr_jax.scene.types import FixedBody, OnRegion, Region, Scene, SceneObject
 from dvr_jax.scene.validation import validate_scene
 from dvr_jax.search.explanation import Refutation
 from dvr_jax.search.reasons import Reason, ReasonKind
@@ -285,6 +286,39 @@ def test_overlaps_within_the_tolerances_are_resolved(
     ]
     assert 0 < max(shifts) < 0.004
     assert after.objects[2] == SCENE.objects[2]
+
+
+BENCH = FixedBody("bench", "box", (0.3, 0.2, 0.12), (-0.2, 0.0, 0.06), 0.4)
+ON_BENCH = Scene(
+    (replace(SCENE.objects[0], size=(0.06, 0.08, 0.1)), *SCENE.objects[1:]),
+    Goal((On("a", "upper"),)),
+    fixed=(BENCH,),
+    regions=(Region((-0.2, 0.0), 0.4, (0.3, 0.2), "upper", "bench", Inside.CENTER),),
+)
+ONTO_BENCH = (ACTIONS[0], Action.parse("place(left, a, upper)"))
+
+
+def test_an_object_stands_on_the_body_on_which_it_was_placed() -> None:
+    after = make_plan({"a": (-0.2, 0.0, 0.4)}, ONTO_BENCH, ON_BENCH).scene_after()
+    validate_scene(after)
+    assert [item.support for item in after.objects] == ["bench", "table", "table"]
+    assert after.center_of(after.objects[0]) == pytest.approx((-0.2, 0.0, 0.17))
+    assert after.objects[1:] == ON_BENCH.objects[1:]
+
+
+@pytest.mark.parametrize(("overhang", "is_valid"), [(0.002, True), (0.02, False)])
+def test_a_small_overhang_of_a_bench_is_resolved(overhang: float, is_valid: bool) -> None:
+    """The object is 6 cm wide, so its center is 3 cm less the overhang from the side of the bench."""
+    away = 0.15 - 0.03 + overhang
+    pose = (-0.2 + math.cos(0.4) * away, math.sin(0.4) * away, 0.4)
+    plan = make_plan({"a": pose}, ONTO_BENCH, ON_BENCH)
+    if not is_valid:
+        with pytest.raises(MotionError, match="'a'"):
+            plan.scene_after()
+        return
+    after = plan.scene_after()
+    validate_scene(after)
+    assert math.dist(after.objects[0].position, pose[:2]) == pytest.approx(overhang, abs=1e-6)
 
 
 def test_deep_overlaps_are_refused() -> None:

@@ -1,6 +1,7 @@
 """Best-first search for several facts: the ranks of a network that knows one fact at a time, and completeness."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,7 +11,8 @@ import pytest
 from dvr_jax.goals import Goal, HandsEmpty, On, OnRegion, Region
 from dvr_jax.logic import Action, enumerate_sequences
 from dvr_jax.operators import OPERATORS
-from dvr_jax.scene.types import Scene, SceneObject
+from dvr_jax.scene.camera import render_depth
+from dvr_jax.scene.types import FixedBody, Scene, SceneObject
 from dvr_jax.search.front import PrefixFront
 from dvr_jax.search.goal_guide import GoalGuide, action_for_fact, scene_of_fact
 from dvr_jax.search.node import Node
@@ -86,6 +88,15 @@ def test_the_scene_of_a_fact_is_one_of_the_paper() -> None:
         for where in ("tray", "plate", "table")
     ]
     assert renamed == ["place(left, a, goal)", "place(left, a, table)", "place(left, a, table)"]
+
+
+def test_the_network_sees_a_raised_region_at_its_height() -> None:
+    bench = FixedBody("bench", "box", (0.3, 0.3, 0.2), (-0.1, 0.5, 0.1), 0.0)
+    upper = Region((-0.1, 0.5), 0.0, (0.2, 0.2), "upper", support="bench")
+    scene = replace(SCENE, fixed=(bench,), regions=(*SCENE.regions, upper))
+    asked = scene_of_fact(scene, On("b", "upper"))
+    alone = replace(scene, regions=(upper,))
+    assert np.array_equal(render_depth(asked).goal_mask, render_depth(alone).goal_mask)
 
 
 def test_an_action_ranks_as_high_as_for_the_open_fact_that_it_serves_best() -> None:

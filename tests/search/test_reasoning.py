@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dvr_jax.logic import Action, Grounding, enumerate_sequences
 from dvr_jax.scene.types import OnRegion, Region, Scene, SceneObject
 from dvr_jax.search.node import Node
-from dvr_jax.search.reasoning import DISCOUNT, GROWTH, LARGEST_BATCH, THRESHOLD
+from dvr_jax.search.reasoning import DISCOUNT, GROWTH, LARGEST_BATCH, PATIENCE, THRESHOLD
 from dvr_jax.search.searches import steps_of
 from dvr_jax.search.session import Outcome, SearchSession
 from dvr_jax.search.status import PlanStatus
@@ -124,6 +124,40 @@ def test_it_solves_what_breadth_first_search_solves(search: str, guess: str, ver
     found = solve(search, Oracle(possible, solvable), Guess(GUESSES[guess]))
     assert found.status == expected == (PlanStatus.SOLVED if solvable else PlanStatus.EXHAUSTED)
     assert found.node is None or found.node.actions in solvable
+
+
+class RelaxedOracle(Oracle):
+    """An oracle with a relaxation that refutes nothing, so that the best-first search goes on beside the network's."""
+
+    def __init__(self, solution: tuple[Action, ...]) -> None:
+        super().__init__([solution], [solution])
+        self.is_relaxed = True
+        self.relaxation.lower_bound = len(solution)
+        self.expanded = 0
+
+    def judge_scene(self) -> Steps[bool]:
+        return True
+        yield
+
+    def judge_windows(self, nodes: list[Node], least: int = 1) -> Steps[list[bool]]:
+        return [True] * len(nodes)
+        yield
+
+    def expand(self, node: Node) -> list[Node]:
+        self.expanded += 1
+        return super().expand(node)
+
+
+def test_a_network_that_proposes_nothing_is_not_awaited() -> None:
+    """With equal predictions for all nodes, all prefixes would be expanded before the first leaf is tried."""
+    solution = max(SEQUENCES, key=len)
+    tree = RelaxedOracle(solution)
+    found = solve("dvr", tree, Guess(GUESSES["constant 0"]))
+    assert found.status == PlanStatus.SOLVED
+    assert found.node is not None
+    assert found.node.actions == solution
+    assert PATIENCE < tree.expanded < 2 * PATIENCE
+    assert len({sequence[:-1] for sequence in SEQUENCES}) > 5 * PATIENCE
 
 
 @settings(max_examples=15, deadline=None)
