@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -25,7 +26,9 @@ def test_problems_are_package_data() -> None:
     assert PROBLEMS.is_file()
     configuration = Path(dvr_jax.__file__).parents[1] / "pyproject.toml"
     if configuration.exists():
-        assert '"dvr_jax.bench" = ["problems.jsonl"]' in configuration.read_text(encoding="utf-8")
+        settings = tomllib.loads(configuration.read_text(encoding="utf-8"))
+        data = settings["tool"]["setuptools"]["package-data"]
+        assert {"problems.jsonl", "public_scenes.jsonl"} <= set(data["dvr_jax.bench"])
 
 
 def test_the_first_problem_is_the_frozen_one() -> None:

@@ -222,7 +222,8 @@ def test_footprints(evaluated) -> None:
         expected = [high[0] - sx, high[1] - sy, -sx - low[0], -sy - low[1]]
         sides = np.reshape(rows[b, k], (4, 4)).max(axis=1)
         np.testing.assert_allclose(sides, expected, atol=1e-12)
-    assert placed >= B
+    # An object that goes onto another one has no rows of this block.
+    assert placed >= B // 2
 
 
 CLOSE = facing_workcell(0.6)

@@ -76,6 +76,7 @@ def test_an_arm_takes_a_box_from_below_a_shelf_board() -> None:
     require_checked(plan(scene, "mbts", k_max=2))
 
 
+@pytest.mark.slow
 def test_a_board_low_over_the_region_is_avoided_or_exhausts_the_tree() -> None:
     """The board leaves 6 cm above a part of the region; the box is 5 cm wide, 10 cm long and 10 cm high."""
     x, y = OPEN.goal.region.position
