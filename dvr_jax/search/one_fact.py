@@ -10,13 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
-from typing import Generic
+from typing import Any, Generic
 
 import numpy as np
 from jaxtyping import Float
 
 from dvr_jax.geometry.footprint import signed_distance
-from dvr_jax.goals import HandsEmpty, On
+from dvr_jax.goals import HandsEmpty, On, OnRegion
 from dvr_jax.logic import Grounding
 from dvr_jax.operators import Operator, ground_scene
 from dvr_jax.scene.types import Scene
@@ -142,6 +142,21 @@ class OneFactNetwork(Generic[Images, Encoding]):
         """
         numbers = [encoding.numbers[action] for action in actions]
         return self._network.predict(encoding.encoding, hidden, numbers)
+
+
+def network_for(
+    scene: Scene, network: SequencePredictor[Images, Encoding], operators: Sequence[Operator]
+) -> SequencePredictor[Any, Any]:
+    """Return the network in the form in which it takes a scene: as it is, or for a goal of one fact.
+
+    Args:
+        scene: The scene; its goal is the paper's or one fact.
+        network: A network for scenes with the paper's goal.
+        operators: The operators that are known.
+    """
+    if isinstance(scene.goal, OnRegion):
+        return network
+    return OneFactNetwork(network, operators)
 
 
 def _require_fact(scene: Scene) -> On:

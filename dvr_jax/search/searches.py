@@ -23,7 +23,7 @@ from dvr_jax.search.front import Guide, PrefixFront
 from dvr_jax.search.goal_guide import GoalGuide
 from dvr_jax.search.node import Node
 from dvr_jax.search.node_solver import OutOfTime
-from dvr_jax.search.one_fact import OneFactNetwork, only_fact
+from dvr_jax.search.one_fact import network_for, only_fact
 from dvr_jax.search.predictor import Encoding, Images, SequencePredictor
 from dvr_jax.search.reasoning import feasibility_classifier, visual_reasoning
 from dvr_jax.search.session import Accept, LongerSearch, Outcome, Progress, SearchSession
@@ -315,9 +315,7 @@ def steps_of(
         )
     if several:
         return best_first(session, GoalGuide(tree, network))
-    if isinstance(tree.scene.goal, OnRegion):
-        return GUIDED[name](session, network)
-    return GUIDED[name](session, OneFactNetwork(network, tree.operators))
+    return GUIDED[name](session, network_for(tree.scene, network, tree.operators))
 
 
 def has_several_facts(scene: Scene) -> bool:

@@ -14,7 +14,10 @@ from dvr_jax.nlp.problem import Problem, Variables
 from dvr_jax.nlp.transcription import transcribe, walk
 from dvr_jax.operators import OPERATORS, Operator, operator_of
 from dvr_jax.scene.types import Scene
+from dvr_jax.search.goal_guide import GoalGuide
+from dvr_jax.search.one_fact import network_for
 from dvr_jax.search.predictor import Encoding, Images, SequencePredictor
+from dvr_jax.search.searches import has_several_facts
 from dvr_jax.search.tree import SequenceTree
 from dvr_jax.seeds.beam_batches import BeamTask, extend_beams, prepare_penetration
 from dvr_jax.seeds.initial_paths import initial_path, optimal_path_problem, path_problem
@@ -194,7 +197,13 @@ def query(programs: Programs, scene: Scene, network: SequencePredictor[Images, E
         network: The network.
     """
     tree = SequenceTree(scene, programs.k_max, operators=programs.operators)
-    encoding = network.encode_scene(scene, tree.grounding)
+    if has_several_facts(scene):
+        children = tree.expand(tree.root)
+        GoalGuide(tree, network).rank(tree.root, children)
+        return
+
+    asked = network_for(scene, network, programs.operators)
+    encoding = asked.encode_scene(scene, tree.grounding)
     widest = len(tree.grounding.applicable(tree.grounding.initial_state))
-    for children in (1, widest):
-        network.predict(encoding, encoding.initial_hidden(), range(children))
+    for number in (1, widest):
+        asked.predict(encoding, encoding.initial_hidden(), range(number))

@@ -12,6 +12,7 @@ from dvr_jax.operators import OPERATORS, ground_scene
 from dvr_jax.scene.types import Scene
 from dvr_jax.scene.validation import make_scene
 from dvr_jax.search.one_fact import OneFactNetwork, only_fact
+from dvr_jax.search.warm import Programs, query
 
 RED = dvr.SceneObject("red", "box", (0.06, 0.1, 0.12), (-0.3, 0.2), 0.3)
 BLUE = dvr.SceneObject("blue", "box", (0.06, 0.08, 0.1), (0.3, -0.2), 0.0)
@@ -69,3 +70,15 @@ def test_predictions_are_those_for_the_paper_s_goal() -> None:
     wanted, _ = network.predict(expected, expected.initial_hidden(), numbers)
     np.testing.assert_allclose(found, wanted, atol=1e-6)
     assert np.ptp(found) > 0.1
+
+
+@pytest.mark.parametrize(
+    "facts",
+    [
+        (On("red", "spot"), HandsEmpty()),
+        (On("red", "spot"), On("blue", "other")),
+    ],
+)
+def test_the_network_s_programs_are_prepared_for_every_goal(facts: tuple[object, ...]) -> None:
+    scene = scene_for(*facts)
+    query(Programs(scene, 2, OPERATORS), scene, load_network("dvr"))
