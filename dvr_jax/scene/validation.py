@@ -2,8 +2,8 @@
 
 A scene has 1 to 8 objects and at most 16 fixed bodies with unique names, finite numbers and sensible sizes. All objects
 stand fully on the table or on the top of a fixed body, off the arms' bases, and nothing overlaps but fixed bodies among
-themselves. The rules of the
-arms are in `dvr_jax.scene.workcell_rules`, those of regions and goals in `dvr_jax.scene.goal_rules`.
+themselves. The rules of the arms are in `dvr_jax.scene.workcell_rules`, those of regions and goals in
+`dvr_jax.scene.goal_rules`, those of supports and stacks in `dvr_jax.scene.support_rules` and `dvr_jax.scene.stacks`.
 
 Whether the arms at home touch anything is not decided here, as it takes a MuJoCo model:
 `dvr_jax.scene.mjcf.require_free_home`.

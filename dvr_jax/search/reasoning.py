@@ -183,6 +183,7 @@ def _guided(
     while to_expand or leaves:
         tree.solver.look_at_the_clock()
         if expanded == PATIENCE:
+            # The network goes on for long without a proposal, as it does where solutions are longer than it knows.
             expanded = 0
             outcome = yield from _advance(session, front, 0, EXPANSIONS)
             if outcome is not None:
@@ -205,11 +206,11 @@ def _guided(
             failures += 1
             expanded = 0
             width = min(GROWTH * width, LARGEST_BATCH)
-            is_first = failures == 1
-            if is_first and tree.counts.verdicts["path"] > tried_paths:
-                continue
-            factor = FIRST_EXPANSIONS if is_first else EXPANSIONS
-            outcome = yield from _advance(session, front, 0 if is_first else width, factor)
+            if failures > 1:
+                outcome = yield from _advance(session, front, width, EXPANSIONS)
+            elif tree.counts.verdicts["path"] == tried_paths:
+                # Nothing but a path is missing where the first leaf had keyframes: the next leaves come first then.
+                outcome = yield from _advance(session, front, 0, FIRST_EXPANSIONS)
             if outcome is not None:
                 return outcome
 
